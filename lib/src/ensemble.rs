@@ -1,0 +1,278 @@
+//! What the runs gave, at the control values of the measurement.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+
+use crate::observations::Observations;
+use crate::table::{Format, TableWriter, read_bytes};
+
+/// Simulated observables of every run, at the steps of the measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ensemble {
+    /// Where it was read from, for messages.
+    pub source: String,
+    /// Name of the control column.
+    pub control_name: String,
+    /// Control value of each step, shape (steps,).
+    pub control: Vec<f64>,
+    /// Names of the observables.
+    pub observables: Vec<String>,
+    /// Names of the samples, shape (runs,).
+    pub samples: Vec<String>,
+    /// Simulated values, run by run, observable by observable, step by step.
+    values: Vec<f64>,
+    /// Standard deviations in the same order, where an emulator gave them.
+    sd: Option<Vec<f64>>,
+}
+
+impl Ensemble {
+    /// An ensemble without runs at the steps of a measurement.
+    pub fn new(observations: &Observations, with_sd: bool) -> Self {
+        Self {
+            source: "ensemble".to_owned(),
+            control_name: observations.control_name.clone(),
+            control: observations.control.clone(),
+            observables: observations.names.clone(),
+            samples: Vec::new(),
+            values: Vec::new(),
+            sd: with_sd.then(Vec::new),
+        }
+    }
+
+    /// Read an ensemble table: `sample step <control> <observables…>` and `<observable>_sd` where
+    /// they are there. The rows of a sample stand together, with its steps from 0 upwards.
+    ///
+    /// # Errors
+    /// If the table cannot be read, lacks a column, or a sample does not have all steps once, in
+    /// order, at the control values of the first.
+    pub fn read(path: &Path, control: &str, observables: &[String]) -> Result<Self> {
+        let name = crate::table::source_name(path);
+        Self::parse(&name, &read_bytes(path)?, control, observables)
+    }
+
+    /// Parse an ensemble table from its bytes; see [`Ensemble::read`].
+    ///
+    /// # Errors
+    /// See [`Ensemble::read`].
+    pub fn parse(source: &str, bytes: &[u8], control: &str, observables: &[String]) -> Result<Self> {
+        let mut rows = crate::table::Rows::new(source, bytes)?;
+        let format = rows.format().clone();
+        let columns = Columns::find(&format, control, observables)?;
+        let mut ensemble = Self {
+            source: source.to_owned(),
+            control_name: control.to_owned(),
+            control: Vec::new(),
+            observables: observables.to_vec(),
+            samples: Vec::new(),
+            values: Vec::new(),
+            sd: columns.sd.as_ref().map(|_| Vec::new()),
+        };
+        let mut seen: HashMap<String, ()> = HashMap::new();
+        // Values of the sample being read, step by step, until it is complete.
+        let (mut steps, mut values, mut sd) = (0, Vec::new(), Vec::new());
+        let mut last_line = 1;
+        while let Some((line, fields)) = rows.next_row()? {
+            let sample = fields[columns.sample];
+            if ensemble.samples.last().is_none_or(|last| last != sample) {
+                ensemble.close_run(last_line, steps, &mut values, &mut sd)?;
+                if seen.insert(sample.to_owned(), ()).is_some() {
+                    bail!("{source}:{line}: sample {sample} again; the rows of a sample stand together");
+                }
+                ensemble.samples.push(sample.to_owned());
+                steps = 0;
+            }
+            let step = format.number(line, columns.step, fields[columns.step])?;
+            ensure!(
+                step == steps as f64,
+                "{source}:{line}: column step: {step} where step {steps} of {sample} should follow"
+            );
+            let at = format.number(line, columns.control, fields[columns.control])?;
+            if ensemble.samples.len() == 1 {
+                ensemble.control.push(at);
+            } else {
+                let expected = ensemble.control.get(steps).copied();
+                ensure!(
+                    expected == Some(at),
+                    "{source}:{line}: column {control}: {at} where the first sample has {}",
+                    expected.map_or("no such step".to_owned(), |value| value.to_string())
+                );
+            }
+            for &column in &columns.observables {
+                values.push(format.number(line, column, fields[column])?);
+            }
+            for &column in columns.sd.iter().flatten() {
+                let value = format.number(line, column, fields[column])?;
+                ensure!(
+                    value >= 0.0,
+                    "{source}:{line}: column {}: a standard deviation cannot be negative",
+                    format.columns()[column]
+                );
+                sd.push(value);
+            }
+            steps += 1;
+            last_line = line;
+        }
+        ensemble.close_run(last_line, steps, &mut values, &mut sd)?;
+        Ok(ensemble)
+    }
+
+    /// Take over the rows of a complete run, transposed to observable by observable.
+    fn close_run(
+        &mut self,
+        line: usize,
+        steps: usize,
+        values: &mut Vec<f64>,
+        sd: &mut Vec<f64>,
+    ) -> Result<()> {
+        let Some(sample) = self.samples.last() else { return Ok(()) };
+        ensure!(
+            steps == self.control.len(),
+            "{}:{line}: sample {sample} ends after {steps} steps of {}; is the table cut off?",
+            self.source,
+            self.control.len()
+        );
+        let m = self.observables.len();
+        let transposed = |rows: &[f64]| {
+            (0..m).flat_map(|j| (0..steps).map(move |t| t * m + j)).map(|i| rows[i]).collect::<Vec<_>>()
+        };
+        self.values.extend(transposed(values));
+        if let Some(all) = &mut self.sd {
+            all.extend(transposed(sd));
+        }
+        values.clear();
+        sd.clear();
+        Ok(())
+    }
+
+    /// Add a run: its curves, and their standard deviations if the ensemble has them, each of shape
+    /// (observables, steps).
+    pub fn push(&mut self, sample: &str, curves: &[Vec<f64>], sd: Option<&[Vec<f64>]>) {
+        self.samples.push(sample.to_owned());
+        self.values.extend(curves.iter().flatten());
+        if let (Some(all), Some(sd)) = (&mut self.sd, sd) {
+            all.extend(sd.iter().flatten());
+        }
+    }
+
+    /// Number of runs.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there are no runs.
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// Number of steps.
+    pub fn steps(&self) -> usize {
+        self.control.len()
+    }
+
+    /// An observable of a run, shape (steps,).
+    pub fn curve(&self, run: usize, observable: usize) -> &[f64] {
+        &self.values[self.place(run, observable)]
+    }
+
+    /// The standard deviation of an observable of a run, shape (steps,), if an emulator gave it.
+    pub fn curve_sd(&self, run: usize, observable: usize) -> Option<&[f64]> {
+        self.sd.as_ref().map(|sd| &sd[self.place(run, observable)])
+    }
+
+    fn place(&self, run: usize, observable: usize) -> std::ops::Range<usize> {
+        let start = (run * self.observables.len() + observable) * self.steps();
+        start..start + self.steps()
+    }
+
+    /// Position of each run by the name of its sample.
+    pub fn index(&self) -> HashMap<&str, usize> {
+        self.samples.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
+    }
+
+    /// Check that the steps are those of a measurement.
+    ///
+    /// # Errors
+    /// If their number or a control value differs.
+    pub fn check_steps(&self, observations: &Observations) -> Result<()> {
+        if self.is_empty() {
+            return Ok(());
+        }
+        ensure!(
+            self.steps() == observations.steps(),
+            "{}: {} steps a sample, but {} has {} rows; collect the runs again with this measurement",
+            self.source,
+            self.steps(),
+            observations.source,
+            observations.steps()
+        );
+        let tolerance = CONTROL_TOLERANCE * crate::observations::range(&observations.control);
+        for (step, (here, there)) in self.control.iter().zip(&observations.control).enumerate() {
+            ensure!(
+                (here - there).abs() <= tolerance,
+                "{}: step {step} is at {} {here}, but at {there} in {}; collect the runs again with this measurement",
+                self.source,
+                self.control_name,
+                observations.source
+            );
+        }
+        Ok(())
+    }
+
+    /// Write the ensemble table.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: Option<&Path>) -> Result<()> {
+        let mut columns = vec!["sample".to_owned(), "step".to_owned(), self.control_name.clone()];
+        columns.extend(self.observables.iter().cloned());
+        if self.sd.is_some() {
+            columns.extend(self.observables.iter().map(|name| format!("{name}_sd")));
+        }
+        let mut table = TableWriter::create(path, &columns)?;
+        for (run, sample) in self.samples.iter().enumerate() {
+            for (step, &control) in self.control.iter().enumerate() {
+                table.text(sample).number(step as f64).number(control);
+                for j in 0..self.observables.len() {
+                    table.number(self.curve(run, j)[step]);
+                }
+                for j in 0..self.observables.len() {
+                    if let Some(sd) = self.curve_sd(run, j) {
+                        table.number(sd[step]);
+                    }
+                }
+                table.end_row()?;
+            }
+        }
+        table.finish()
+    }
+}
+
+/// How far, as a share of the control's range, the same step may lie apart in two tables.
+pub(crate) const CONTROL_TOLERANCE: f64 = 1e-7;
+
+/// Where the columns of an ensemble table stand.
+pub(crate) struct Columns {
+    pub sample: usize,
+    pub step: usize,
+    pub control: usize,
+    pub observables: Vec<usize>,
+    pub sd: Option<Vec<usize>>,
+}
+
+impl Columns {
+    pub(crate) fn find(format: &Format, control: &str, observables: &[String]) -> Result<Self> {
+        let sd = observables
+            .iter()
+            .map(|name| format.find(&format!("{name}_sd")))
+            .collect::<Result<Option<Vec<_>>>>()?;
+        Ok(Self {
+            sample: format.column("sample")?,
+            step: format.column("step")?,
+            control: format.column(control)?,
+            observables: observables.iter().map(|name| format.column(name)).collect::<Result<_>>()?,
+            sd,
+        })
+    }
+}

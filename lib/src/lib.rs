@@ -1,0 +1,21 @@
+//! Bayesian calibration of particle simulations, and diagnosis of the gap that a calibration leaves.
+//!
+//! Tables come in through [`table`], and everything else works on plain numbers:
+//!
+//! | step of the work | modules |
+//! | --- | --- |
+//! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
+//! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
+//! | weights and what they say | [`statistics`] |
+//!
+//! The mathematics is written down in `docs/design.md`.
+
+pub mod cli;
+pub mod ensemble;
+pub mod observations;
+pub mod prior;
+pub mod samples;
+pub mod statistics;
+pub mod table;
+
+pub use anyhow::Result;

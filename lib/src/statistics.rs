@@ -1,0 +1,113 @@
+//! Weighted samples: normalisation, effective sample size, moments and quantiles.
+
+use anyhow::{Result, ensure};
+
+/// ln Σ exp(xᵢ), without overflow; −∞ for an empty slice.
+pub fn ln_sum_exp(x: &[f64]) -> f64 {
+    let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !high.is_finite() {
+        return high;
+    }
+    high + x.iter().map(|x| (x - high).exp()).sum::<f64>().ln()
+}
+
+/// Weights that sum to one from their natural logarithms, shape (n_samples,).
+///
+/// # Errors
+/// If `ln_w` is empty, holds NaN or +∞, or is −∞ throughout.
+pub fn normalised(ln_w: &[f64]) -> Result<Vec<f64>> {
+    ensure!(!ln_w.is_empty(), "no weights");
+    ensure!(!ln_w.iter().any(|w| w.is_nan() || *w == f64::INFINITY), "a weight is NaN or infinite");
+    let high = ln_w.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    ensure!(high > f64::NEG_INFINITY, "every weight is zero");
+    let mut weights: Vec<f64> = ln_w.iter().map(|w| (w - high).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|w| *w /= sum);
+    Ok(weights)
+}
+
+/// Effective sample size as a fraction of the ensemble, in (0, 1]: (Σw)² / (N Σw²).
+///
+/// * `ln_w` — natural-log weights, shape (n_samples,), not normalised.
+///
+/// # Errors
+/// If `ln_w` is empty, holds NaN or +∞, or is −∞ throughout.
+///
+/// # Source
+/// Kong, Liu & Wong (1994), JASA 89:278.
+pub fn ess_fraction(ln_w: &[f64]) -> Result<f64> {
+    let weights = normalised(ln_w)?;
+    let squares: f64 = weights.iter().map(|w| w * w).sum();
+    Ok(1.0 / (squares * weights.len() as f64))
+}
+
+/// Mean under weights that sum to one.
+pub fn mean(values: &[f64], weights: &[f64]) -> f64 {
+    values.iter().zip(weights).map(|(x, w)| x * w).sum()
+}
+
+/// Standard deviation under weights that sum to one: √(Σ w (x − mean)²).
+pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
+    let centre = mean(values, weights);
+    values.iter().zip(weights).map(|(x, w)| w * (x - centre).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Quantiles under weights that sum to one, linear between the midpoints of the samples' shares.
+///
+/// With equal weights these are Hazen's plotting positions, (i − ½)/n.
+#[derive(Clone, Debug)]
+pub struct Quantiles {
+    /// Values with a weight above zero, in order, and the probability below the middle of each.
+    points: Vec<(f64, f64)>,
+}
+
+impl Quantiles {
+    /// Sort the samples once, for any number of quantiles.
+    pub fn new(values: &[f64], weights: &[f64]) -> Self {
+        let mut points: Vec<(f64, f64)> =
+            values.iter().copied().zip(weights.iter().copied()).filter(|&(_, w)| w > 0.0).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut below = 0.0;
+        for (_, weight) in &mut points {
+            let share = *weight;
+            *weight = below + share / 2.0;
+            below += share;
+        }
+        Self { points }
+    }
+
+    /// The value below which the probability is `p`; NaN if there are no samples.
+    pub fn at(&self, p: f64) -> f64 {
+        let next = self.points.partition_point(|&(_, below)| below < p);
+        match (next.checked_sub(1).map(|i| self.points[i]), self.points.get(next)) {
+            (Some((x0, p0)), Some(&(x1, p1))) => x0 + (x1 - x0) * (p - p0) / (p1 - p0),
+            (Some((x, _)), None) | (None, Some(&(x, _))) => x,
+            (None, None) => f64::NAN,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_weights_are_fully_effective() {
+        assert!((ess_fraction(&[-1e4; 7]).unwrap() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn weights_of_zero_throughout_are_an_error() {
+        assert!(normalised(&[f64::NEG_INFINITY; 3]).is_err());
+        assert!(normalised(&[]).is_err());
+        assert!(normalised(&[0.0, f64::NAN]).is_err());
+    }
+
+    #[test]
+    fn quantiles_of_equal_weights_are_hazens() {
+        let quantiles = Quantiles::new(&[3.0, 1.0, 2.0, 4.0], &[0.25; 4]);
+        for (p, expected) in [(0.05, 1.0), (0.125, 1.0), (0.25, 1.5), (0.5, 2.5), (0.875, 4.0), (0.95, 4.0)] {
+            assert!((quantiles.at(p) - expected).abs() < 1e-12, "{p}");
+        }
+    }
+}
