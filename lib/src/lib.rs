@@ -11,10 +11,12 @@
 //! The mathematics is written down in `docs/design.md`.
 
 pub mod cli;
+pub mod design;
 pub mod ensemble;
 pub mod observations;
 pub mod prior;
 pub mod samples;
+pub mod sequence;
 pub mod statistics;
 pub mod table;
 
