@@ -17,5 +17,6 @@ pub mod prior;
 pub mod samples;
 pub mod statistics;
 pub mod table;
+pub mod weights;
 
 pub use anyhow::Result;
