@@ -13,6 +13,7 @@
 pub mod cli;
 pub mod ensemble;
 pub mod observations;
+pub mod predict;
 pub mod prior;
 pub mod samples;
 pub mod statistics;
