@@ -7,6 +7,7 @@
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
 //! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
 //! | weights and what they say | [`statistics`] |
+//! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
 
@@ -17,5 +18,6 @@ pub mod prior;
 pub mod samples;
 pub mod statistics;
 pub mod table;
+pub mod world;
 
 pub use anyhow::Result;
