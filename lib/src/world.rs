@@ -6,6 +6,7 @@
 
 mod batch;
 mod contact;
+mod triaxial;
 
 use anyhow::{Result, ensure};
 use rand::Rng;
@@ -14,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 
 pub use batch::{Report, run_samples, write_curve, write_inputs};
 pub use contact::{Contact, Step};
+pub use triaxial::Triaxial;
 
 use crate::observations::ByName;
 use crate::prior::normal_quantile;
@@ -33,6 +35,17 @@ pub struct Input {
     pub effect: Option<&'static str>,
     /// What it is.
     pub meaning: &'static str,
+}
+
+const fn input(
+    name: &'static str,
+    default: f64,
+    range: (f64, f64),
+    unit: &'static str,
+    effect: Option<&'static str>,
+    meaning: &'static str,
+) -> Input {
+    Input { name, default, range, unit, effect, meaning }
 }
 
 /// What a run gives: observables at the steps of the control.
@@ -77,12 +90,13 @@ pub fn named(name: &str) -> Option<Box<dyn World>> {
             let path = Step::cycles(Contact::OVERLAP, Contact::STEPS, Contact::SPEED, Contact::FAST);
             Some(Box::new(Contact { path, ..Contact::default() }))
         }
+        "triaxial" => Some(Box::new(Triaxial::default())),
         _ => None,
     }
 }
 
 /// Names of the worlds; see [`named`].
-pub const NAMES: [&str; 2] = ["contact", "contact-cycles"];
+pub const NAMES: [&str; 3] = ["contact", "contact-cycles", "triaxial"];
 
 /// Run a world at parameters in the order of [`World::inputs`].
 ///

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use anyhow::{Result, bail, ensure};
 
-use super::{Input, World};
+use super::{Input, World, input};
 
 /// Two equal spheres in contact: control `u`, the displacement of one towards the other in m, 0 at
 /// first touch; observables `f` and `t`, the normal and the tangential force in N.
@@ -95,17 +95,6 @@ const INPUTS: [Input; 8] = [
     input("compliance", 0.0, (0.0, 1.0), "m/N", Some("compliance"), "displacement of the rig per force"),
     input("offset", 0.0, (-1e6, 1e6), "N", Some("offset"), "reading of the load cell at no force"),
 ];
-
-const fn input(
-    name: &'static str,
-    default: f64,
-    range: (f64, f64),
-    unit: &'static str,
-    effect: Option<&'static str>,
-    meaning: &'static str,
-) -> Input {
-    Input { name, default, range, unit, effect, meaning }
-}
 
 impl Contact {
     /// Radius of both spheres by default, m.
