@@ -12,6 +12,7 @@
 
 pub mod cli;
 pub mod ensemble;
+pub mod gap;
 pub mod observations;
 pub mod predict;
 pub mod prior;
