@@ -10,14 +10,25 @@
 //!
 //! The mathematics is written down in `docs/design.md`.
 
+pub mod alignment;
 pub mod cli;
+pub mod collect;
+pub mod design;
 pub mod ensemble;
+pub mod filter;
 pub mod gap;
+pub mod misfit;
+pub mod mixture;
 pub mod observations;
 pub mod predict;
 pub mod prior;
+pub mod proposal;
+pub mod resample;
 pub mod samples;
+pub mod sequence;
 pub mod statistics;
+pub mod stop;
+pub mod summary;
 pub mod table;
 pub mod weights;
 
