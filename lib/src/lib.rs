@@ -11,6 +11,7 @@
 //! The mathematics is written down in `docs/design.md`.
 
 pub mod cli;
+pub mod emulator;
 pub mod ensemble;
 pub mod observations;
 pub mod prior;
