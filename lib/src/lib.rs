@@ -10,13 +10,26 @@
 //!
 //! The mathematics is written down in `docs/design.md`.
 
+pub mod alignment;
 pub mod cli;
+pub mod collect;
+pub mod design;
 pub mod emulator;
 pub mod ensemble;
+pub mod filter;
+pub mod misfit;
+pub mod mixture;
 pub mod observations;
+pub mod predict;
 pub mod prior;
+pub mod proposal;
+pub mod resample;
 pub mod samples;
+pub mod sequence;
 pub mod statistics;
+pub mod stop;
+pub mod summary;
 pub mod table;
+pub mod weights;
 
 pub use anyhow::Result;

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::emulator::{Emulator, Options, write_check, write_predictions};
+use gl::emulator::table::{write_check, write_predictions};
+use gl::emulator::{Emulator, Options};
 use gl::ensemble::Ensemble;
 use gl::prior::Prior;
 use gl::samples::Samples;
@@ -30,23 +31,23 @@ struct Args {
     /// Print the leave-one-out error of each observable instead
     #[arg(long, conflicts_with = "at")]
     check: bool,
-    /// Control column [default: the one after sample and step]
+    /// Column of the control; by default the one after `step`
     #[arg(short, long, value_name = "NAME")]
     control: Option<String>,
-    /// Observables, separated by commas [default: all columns after the control]
-    #[arg(short = 'v', long, value_name = "NAMES", value_delimiter = ',')]
+    /// Columns of the observables; by default all after the control
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
     /// Share of the variance of the simulation's scatter that is in the _sd columns
-    #[arg(long, value_name = "F", default_value = "1", value_parser = gl::cli::share)]
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
     scatter: f64,
     /// Seed of the places that the training starts from
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Write here instead of to stdout
+    /// Where the table goes; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Ensemble of the runs, `-` for stdin
-    #[arg(default_value = "-")]
+    #[arg(value_name = "ENSEMBLE", default_value = "-")]
     ensemble: PathBuf,
 }
 
@@ -72,8 +73,7 @@ fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let at = args.at.as_deref().map(Samples::read).transpose()?;
-    let observables = (!args.observables.is_empty()).then_some(args.observables.as_slice());
-    let ensemble = Ensemble::read_columns(&args.ensemble, args.control.as_deref(), observables)?;
+    let ensemble = Ensemble::read_by_header(&args.ensemble, args.control.as_deref(), &args.observables)?;
     let options = Options { seed: args.seed, ..Options::default() };
     let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
     if emulator.missing() > 0 {
