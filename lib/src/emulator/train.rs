@@ -56,7 +56,8 @@ pub fn train(
     starts[0][d] = (1e-2_f64).ln();
     starts[1][d] = (1e-4_f64).ln();
     while starts.len() < search.starts.max(1) {
-        let mut start: Vec<f64> = (0..d).map(|_| generator.random_range(0.2_f64.ln()..5.0_f64.ln())).collect();
+        let mut start: Vec<f64> =
+            (0..d).map(|_| generator.random_range(0.2_f64.ln()..5.0_f64.ln())).collect();
         start.push(generator.random_range(1e-6_f64.ln()..1.0_f64.ln()));
         starts.push(start);
     }
@@ -93,7 +94,8 @@ fn best(
 }
 
 fn hyperparameters(theta: &[f64]) -> Hyperparameters {
-    let (nugget_ratio, lengths) = theta.split_last().map_or((0.0, &[][..]), |(last, rest)| (last.exp(), rest));
+    let (nugget_ratio, lengths) =
+        theta.split_last().map_or((0.0, &[][..]), |(last, rest)| (last.exp(), rest));
     Hyperparameters { lengths: lengths.iter().map(|l| l.exp()).collect(), nugget_ratio, variance: None }
 }
 
