@@ -15,6 +15,7 @@ pub mod alignment;
 pub mod cli;
 pub mod collect;
 pub mod design;
+pub mod emulator;
 pub mod ensemble;
 pub mod filter;
 pub mod gap;
