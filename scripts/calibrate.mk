@@ -48,7 +48,7 @@ $(D)/stop.code: $(D)/summary.txt $(D)/posterior.txt $(CASE)/case.env
 
 # What the next samples are drawn from: tempered, so that ESS of the runs of one iteration keep weight,
 # but enough to see the shape of the posterior in (2 d + 4 with d parameters).
-KEPT := $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { least = 2 * (rows - 1) + 4; kept = $(ESS) * $(NUM); print kept > least ? kept : least }' $(PARAMS))
+KEPT := $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { least = 2 * (rows - 1) + 4; kept = $(ESS) * $(NUM); print (kept > least ? kept : least) }' $(PARAMS))
 $(D)/summary.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
 	@gl-filter $(FILTER) --ess-runs $(KEPT) --sigma-min noise --history $(D)/history.txt --summary $@ \
 	 -o $(D)/weights.txt $^ 2>$(D)/filter.log || { cat $(D)/filter.log >&2; exit 2; }
