@@ -191,7 +191,7 @@ impl World for Contact {
         let (mut f, mut t) = (Vec::new(), Vec::new());
         let mut from = self.path[0].u.min(0.0);
         for step in &self.path {
-            let rate = step.speed * (step.u - from).signum();
+            let rate = if step.u == from { 0.0 } else { step.speed * (step.u - from).signum() };
             for i in 1..=SUBSTEPS {
                 let at = |i: usize| from + (step.u - from) * i as f64 / SUBSTEPS as f64;
                 // The last one is the path's own value to the bit.
