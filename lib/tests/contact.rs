@@ -173,7 +173,8 @@ fn a_compliant_rig_moves_by_its_compliance_times_the_force() {
         let left = compliant.control.iter().zip(f).map(|(u, f)| u - 1e-6 * f);
         let path = left.map(|u| Step { u, speed: Contact::SPEED }).collect();
         let spheres = curve(&Contact { path, ..rig.clone() }, effects);
-        for (found, expected) in spheres.values[0].iter().zip(f) {
+        // Not the first step, at which the rig stands still and the spheres jump into contact.
+        for (found, expected) in spheres.values[0].iter().zip(f).skip(1) {
             assert_close(*found, *expected, 1e-9);
         }
         assert!(f[100] < 0.9 * hertz(9.3, 0.2, U));
