@@ -1,5 +1,7 @@
 //! Two spheres in contact against closed forms.
 
+#![allow(clippy::unwrap_used)]
+
 use std::f64::consts::PI;
 
 use gl::world::{Contact, Curves, Step, inputs, simulate};

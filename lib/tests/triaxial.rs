@@ -1,5 +1,7 @@
 //! The triaxial test against theory and an independent integration.
 
+#![allow(clippy::unwrap_used)]
+
 use std::path::Path;
 
 use gl::table::Table;

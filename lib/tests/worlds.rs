@@ -1,5 +1,7 @@
 //! Running a samples table in an embedded world, and making a measurement.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 
 use gl::samples::Samples;

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Input, World, input};
+use super::{Input, World, check_positive, input};
 
 /// Drained triaxial compression at a constant cell pressure: control `e_a`, the axial strain;
 /// observables `q`, the deviatoric stress in kPa, and `e_v`, the volumetric strain. Strains are
@@ -88,10 +88,10 @@ impl Triaxial {
     /// Check sizes and path.
     ///
     /// # Errors
-    /// If a size is not positive, or the strains do not increase from 0 or above to less than 1.
+    /// If a size is not positive and finite, or the strains do not increase from 0 or above to less than 1.
     pub fn check(&self) -> Result<()> {
-        ensure!(self.cell > 0.0, "cell pressure {}: must be positive", self.cell);
-        ensure!(self.diameter > 0.0, "diameter {}: must be positive", self.diameter);
+        check_positive("cell pressure", self.cell)?;
+        check_positive("diameter", self.diameter)?;
         let in_order = self.path.windows(2).all(|pair| pair[0] < pair[1]);
         let inside = |strain: Option<&f64>| strain.is_some_and(|strain| (0.0..1.0).contains(strain));
         ensure!(
