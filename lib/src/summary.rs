@@ -111,7 +111,7 @@ pub struct Marginals {
 
 /// Standard deviations between the mean and a bound below which the posterior leans on it: a uniform
 /// one has 1.73, a straight ramp 1.41, a half-normal 1.32, an exponential 1.
-const LEAN: f64 = 1.5;
+const LEAN: f64 = 1.3;
 
 impl Marginals {
     /// Prepare for the weights of some runs with so many `parameters` that vary.
