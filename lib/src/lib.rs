@@ -17,10 +17,12 @@ pub mod design;
 pub mod ensemble;
 pub mod misfit;
 pub mod observations;
+pub mod predict;
 pub mod prior;
 pub mod samples;
 pub mod sequence;
 pub mod statistics;
 pub mod table;
+pub mod weights;
 
 pub use anyhow::Result;
