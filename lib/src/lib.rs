@@ -13,6 +13,7 @@
 pub mod alignment;
 pub mod cli;
 pub mod collect;
+pub mod density;
 pub mod design;
 pub mod ensemble;
 pub mod misfit;

@@ -127,6 +127,17 @@ impl Axis {
         Self::with_ticks(span, label, (length / 14.0).clamp(3.0, 8.0) as usize)
     }
 
+    /// An axis along the bottom that counts: marks at whole numbers only.
+    pub fn counting(span: Span, label: Label, length: f64) -> Self {
+        let mut axis = Self::horizontal(span, label, length);
+        if axis.ticks.iter().any(|(value, _)| value.fract() != 0.0) {
+            let whole = span.low.ceil() as i64..=span.high.floor() as i64;
+            axis.ticks = whole.map(|i| (i as f64, written(i as f64, 0))).collect();
+            axis.exponent = 0;
+        }
+        axis
+    }
+
     /// An axis without numbers, for heights that mean nothing by themselves.
     pub fn bare(span: Span, label: Label) -> Self {
         Self { span, ticks: Vec::new(), minor: Vec::new(), label, exponent: 0 }

@@ -27,6 +27,8 @@ pub enum Key {
     Star(Color),
 }
 
+/// Between panels that share their labels.
+const GAP: f64 = 9.0;
 const KEY_WIDTH: f64 = 14.0;
 const BETWEEN: f64 = 12.0;
 const LINE_HEIGHT: f64 = 11.0;
@@ -71,6 +73,14 @@ impl Figure {
     pub fn cell(&self, column: usize, columns: usize) -> (f64, f64) {
         let width = (self.width - 2.0 * MARGIN) / columns as f64;
         (MARGIN + width * column as f64, MARGIN + width * (column + 1) as f64)
+    }
+
+    /// Panels side by side that share the labels on their left, which take `beside` points.
+    pub fn shared_cell(&self, column: usize, columns: usize, beside: f64) -> (f64, f64) {
+        let left = MARGIN + beside;
+        let width = (self.width - MARGIN - 5.0 - left + GAP) / columns as f64;
+        let start = left + width * column as f64;
+        (start, start + width - GAP)
     }
 
     pub fn finish(self) -> Scene {

@@ -6,11 +6,11 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use gl::ensemble::Ensemble;
 use gl::observations::{ByName, Observations};
-use gl::statistics::{Quantiles, mean};
+use gl::predict::predict;
+use gl::weights::Weights;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::input::Weights;
 use crate::panel::{BELOW, Dot, Panel, room_beside};
 use crate::scene::{Paint, Rect, Scene, color};
 use crate::{Style, Units};
@@ -21,11 +21,11 @@ pub struct Fit {
     /// Table of what was measured
     #[arg(short = 'b', long, value_name = "FILE")]
     observations: PathBuf,
-    /// Column that the experiment imposes
+    /// Column of the control; by default the one after `step`
     #[arg(short, long, value_name = "NAME")]
-    control: String,
-    /// Columns that were measured, separated by commas
-    #[arg(short = 'v', long, value_name = "NAMES", value_delimiter = ',', required = true)]
+    control: Option<String>,
+    /// Columns of the observables; by default all after the control
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
     /// Weights of the runs; without them every run counts alike
     #[arg(short, long, value_name = "FILE")]
@@ -61,44 +61,44 @@ const MOST_BARS: usize = 60;
 
 impl Fit {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let observations = Observations::read(&self.observations, &self.control, &self.observables)?;
+        let ensemble = Ensemble::read_by_header(&self.ensemble, self.control.as_deref(), &self.observables)?;
+        let observations =
+            Observations::read(&self.observations, &ensemble.control_name, &ensemble.observables)?;
         let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
-        let ensemble = Ensemble::read(&self.ensemble, &self.control, &self.observables)?;
         ensure!(!ensemble.is_empty(), "{}: no runs; there is nothing to draw", ensemble.source);
         ensemble.check_steps(&observations)?;
         let weights = self.weights.as_deref().map(Weights::read).transpose()?;
         let (weight, best) = match &weights {
-            Some(weights) => join(&ensemble, weights, self.best)?,
+            Some(weights) => (weights.of_runs(&ensemble)?, best(&ensemble, weights, self.best)),
             None => (vec![1.0 / ensemble.len() as f64; ensemble.len()], Vec::new()),
         };
 
-        let curves: Vec<Curves> = (0..self.observables.len())
-            .map(|j| {
-                let (mean, low, high) = summary(&ensemble, &weight, j);
-                Curves {
-                    name: &self.observables[j],
-                    measured: &observations.values[j],
-                    noise: noise.as_ref().map(|noise| noise[j].as_slice()),
-                    mean,
-                    low,
-                    high,
-                    best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
-                }
+        let prediction = predict(&ensemble, &weight)?;
+        let curves: Vec<Curves> = (0..observations.names.len())
+            .map(|j| Curves {
+                name: &observations.names[j],
+                measured: &observations.values[j],
+                noise: noise.as_ref().map(|noise| noise[j].as_slice()),
+                mean: prediction[j].iter().map(|moments| moments.mean).collect(),
+                low: prediction[j].iter().map(|moments| moments.quantiles[0]).collect(),
+                high: prediction[j].iter().map(|moments| moments.quantiles[2]).collect(),
+                best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
             })
             .collect();
         let best_names: Vec<&str> = best.iter().map(|&run| ensemble.samples[run].as_str()).collect();
-        Ok(self.figure(style, &observations.control, &curves, &best_names, weights.is_some()))
+        Ok(self.figure(style, &observations, &curves, &best_names, weights.is_some()))
     }
 
     fn figure(
         &self,
         style: &Style,
-        control: &[f64],
+        observations: &Observations,
         curves: &[Curves],
         best: &[&str],
         weighted: bool,
     ) -> Scene {
-        let title = format!("Fit of {} against {}", self.observables.join(", "), self.control);
+        let (control, control_name) = (&observations.control, &observations.control_name);
+        let title = format!("Fit of {} against {control_name}", observations.names.join(", "));
         let mut figure = Figure::new(title, style.width);
         let paint = Paints::new(control.len());
         let mean = if weighted { "weighted mean" } else { "mean of all runs" };
@@ -136,9 +136,9 @@ impl Fit {
                 let left = left + beside;
                 let right = right - 7.0;
                 let span = Span::of(control.iter().copied()).padded(0.03);
-                let x = Axis::horizontal(span, label(&self.control), right - left);
+                let x = Axis::horizontal(span, label(control_name), right - left);
                 let place = Rect::new(left, top, right, middle);
-                let name = format!("{} against {}", curves.name, self.control);
+                let name = format!("{} against {control_name}", curves.name);
                 let mut panel = Panel::new(name, place, x.clone(), y).beside(beside).without_x_labels();
                 curves.draw(&mut panel, control, &paint);
                 figure.add(panel.finish());
@@ -154,37 +154,14 @@ impl Fit {
     }
 }
 
-/// The weight of every run of the ensemble, and which runs are best.
-fn join(ensemble: &Ensemble, weights: &Weights, best: usize) -> Result<(Vec<f64>, Vec<usize>)> {
+/// The runs with the lowest misfit, or with the highest weight where the table has no misfit.
+fn best(ensemble: &Ensemble, weights: &Weights, count: usize) -> Vec<usize> {
     let runs = ensemble.index();
-    let mut weight = vec![0.0; ensemble.len()];
-    let mut ranked: Vec<(f64, usize)> = Vec::new();
-    for (i, sample) in weights.samples.iter().enumerate() {
-        let Some(&run) = runs.get(sample.as_str()) else {
-            anyhow::bail!(
-                "{}: sample {sample} of {} is not there; give the ensemble that the weights were made from",
-                ensemble.source,
-                weights.source
-            );
-        };
-        weight[run] = weights.weight[i];
-        ranked.push((weights.misfit[i], run));
-    }
+    let cost = |i: usize| weights.misfit.as_ref().map_or(-weights.weight[i], |misfit| misfit[i]);
+    let mut ranked: Vec<(f64, usize)> =
+        (0..weights.len()).filter_map(|i| Some((cost(i), *runs.get(weights.samples[i].as_str())?))).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Ok((weight, ranked.into_iter().take(best).map(|(_, run)| run).collect()))
-}
-
-/// Weighted mean and the ends of the central 90 % of an observable, each of shape (steps,).
-fn summary(ensemble: &Ensemble, weight: &[f64], observable: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let (mut means, mut low, mut high) = (Vec::new(), Vec::new(), Vec::new());
-    for step in 0..ensemble.steps() {
-        let values: Vec<f64> = (0..ensemble.len()).map(|run| ensemble.curve(run, observable)[step]).collect();
-        let quantiles = Quantiles::new(&values, weight);
-        means.push(mean(&values, weight));
-        low.push(quantiles.at(0.05));
-        high.push(quantiles.at(0.95));
-    }
-    (means, low, high)
+    ranked.into_iter().take(count).map(|(_, run)| run).collect()
 }
 
 fn minus(a: &[f64], b: &[f64]) -> Vec<f64> {

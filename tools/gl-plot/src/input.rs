@@ -1,73 +1,43 @@
 //! The tables that pictures are made of, as far as the library does not read them.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::{Result, ensure};
 use gl::observations::ByName;
 use gl::prior::{Parameter, Prior, Scale};
-use gl::table::Table;
+use gl::weights::Weights;
 
 use crate::axis::{Label, Span};
 
-/// A weights table: `sample <parameters…> misfit error weight`.
-#[derive(Clone, Debug)]
-pub struct Weights {
-    pub source: String,
-    pub samples: Vec<String>,
-    pub parameters: Vec<String>,
-    /// Values of each parameter, shape (parameters, samples).
-    pub values: Vec<Vec<f64>>,
-    pub misfit: Vec<f64>,
-    /// Weights that sum to one.
-    pub weight: Vec<f64>,
+/// Read a weights table that a picture can be made of: samples with their parameters.
+///
+/// # Errors
+/// If it cannot be read, or has no parameters.
+pub fn read_weights(path: &Path) -> Result<Weights> {
+    let weights = Weights::read(path)?;
+    ensure!(
+        !weights.parameters.is_empty(),
+        "{}:1: no parameters; a column for each is needed beside sample and weight",
+        weights.source
+    );
+    Ok(weights)
 }
 
-impl Weights {
-    /// Read it.
-    ///
-    /// # Errors
-    /// If a column is missing, there are no rows, or the weights are not weights.
-    pub fn read(path: &Path) -> Result<Self> {
-        let table = Table::read(path)?;
-        let source = table.format().source().to_owned();
-        let sample = table.format().column("sample")?;
-        ensure!(!table.is_empty(), "{source}: no rows; there is nothing to draw");
-        let parameters: Vec<String> = table
-            .format()
-            .columns()
-            .iter()
-            .filter(|name| !matches!(name.as_str(), "sample" | "misfit" | "error" | "weight" | "readings"))
-            .cloned()
-            .collect();
-        let mut weight = table.numbers("weight")?;
-        if let Some(row) = weight.iter().position(|weight| *weight < 0.0) {
-            return table.fail(row, "weight", "a weight cannot be negative");
-        }
-        let sum: f64 = weight.iter().sum();
-        ensure!(sum > 0.0, "{source}: column weight: every weight is zero");
-        weight.iter_mut().for_each(|weight| *weight /= sum);
-        Ok(Self {
-            samples: (0..table.len()).map(|row| table.field(row, sample).to_owned()).collect(),
-            values: parameters.iter().map(|name| table.numbers(name)).collect::<Result<_>>()?,
-            misfit: table.numbers("misfit")?,
-            weight,
-            parameters,
-            source,
-        })
-    }
+/// The values of a parameter, shape (samples,).
+pub fn column(weights: &Weights, parameter: usize) -> Vec<f64> {
+    weights.values.iter().map(|row| row[parameter]).collect()
+}
 
-    /// Position of each sample by its name.
-    pub fn index(&self) -> HashMap<&str, usize> {
-        self.samples.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
-    }
+/// The samples from the lightest to the heaviest, so that those that count are drawn last.
+pub fn lightest_first(weight: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..weight.len()).collect();
+    order.sort_by(|&a, &b| weight[a].total_cmp(&weight[b]));
+    order
+}
 
-    /// The samples from the lightest to the heaviest, so that those that count are drawn last.
-    pub fn lightest_first(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.samples.len()).collect();
-        order.sort_by(|&a, &b| self.weight[a].total_cmp(&self.weight[b]));
-        order
-    }
+/// The name of a table without its folder and ending.
+pub fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(|| "stdin".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// What is known about the parameters from `params.txt`: scales, bounds and units.
@@ -85,6 +55,11 @@ impl Parameters {
 
     pub fn get(&self, name: &str) -> Option<&Parameter> {
         self.0.iter().find(|parameter| parameter.name == name)
+    }
+
+    /// Whether a table of parameters was given.
+    pub fn known(&self) -> bool {
+        !self.0.is_empty()
     }
 
     pub fn label(&self, name: &str) -> Label {

@@ -4,8 +4,10 @@ mod axis;
 mod figure;
 mod fit;
 mod font;
+mod history;
 mod input;
 mod panel;
+mod posterior;
 mod raster;
 mod scene;
 mod svg;
@@ -33,6 +35,8 @@ struct Args {
 #[derive(Subcommand)]
 enum Picture {
     Fit(fit::Fit),
+    Posterior(posterior::Posterior),
+    History(history::History),
 }
 
 /// What every picture has.
@@ -108,6 +112,8 @@ fn run(args: &Args) -> Result<()> {
     let kind = Kind::of(output)?;
     let scene = match &args.picture {
         Picture::Fit(fit) => fit.draw(&args.style)?,
+        Picture::Posterior(posterior) => posterior.draw(&args.style)?,
+        Picture::History(history) => history.draw(&args.style)?,
     };
     let bytes = match kind {
         Kind::Svg => svg::render(&scene).into_bytes(),

@@ -10,6 +10,17 @@ pub type Point = (f64, f64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Color(pub u32);
 
+impl Color {
+    /// Between two colours: `self` at 0, `other` at 1.
+    pub fn towards(self, other: Self, share: f64) -> Self {
+        let mixed = self.0.to_be_bytes().into_iter().zip(other.0.to_be_bytes()).fold(0, |mixed, (a, b)| {
+            let channel = f64::from(a) + share * (f64::from(b) - f64::from(a));
+            (mixed << 8) | channel.round() as u32
+        });
+        Self(mixed)
+    }
+}
+
 /// Okabe & Ito's palette, which colour-blind readers can tell apart, and greys.
 pub mod color {
     use super::Color;
