@@ -110,7 +110,7 @@ impl Axis {
             let room = length / axis.ticks.len().max(1) as f64;
             axis.ticks.iter().all(|(_, text)| font::width(text, SMALL) + 5.0 <= room)
         };
-        let most = (length / 26.0).clamp(2.0, 9.0) as usize;
+        let most = (length / 20.0).clamp(2.0, 8.0) as usize;
         let tries = (2..=most).rev().map(|count| Self::with_ticks(span, label.clone(), count));
         let mut last = None;
         for axis in tries {
@@ -124,7 +124,7 @@ impl Axis {
 
     /// An axis up the side, `length` points high.
     pub fn vertical(span: Span, label: Label, length: f64) -> Self {
-        Self::with_ticks(span, label, (length / 14.0).clamp(3.0, 8.0) as usize)
+        Self::with_ticks(span, label, (length / 11.0).clamp(2.0, 7.0) as usize)
     }
 
     /// An axis along the bottom that counts: marks at whole numbers only.
@@ -206,27 +206,27 @@ impl Axis {
     }
 }
 
-/// Multiples of 1, 2 or 5 times a power of ten, about `count` of them.
-fn multiples(span: Span, count: usize) -> Vec<f64> {
-    let rough = (span.high - span.low) / count.max(1) as f64;
-    if !(rough.is_finite() && rough > 0.0) {
+/// Multiples of 1, 2 or 5 times a power of ten: as many as there may be, at most `most`.
+fn multiples(span: Span, most: usize) -> Vec<f64> {
+    let range = span.high - span.low;
+    if !(range.is_finite() && range > 0.0) {
         return vec![span.low];
     }
-    let power = rough.log10().floor() as i32;
-    let unit = 10.0_f64.powi(power);
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().find(|step| step * unit >= rough * 0.999).unwrap_or(10.0);
-    // Whole numbers times a power of ten: 3 × 0.1 would be 0.30000000000000004.
-    let (tenths, power) = if power < 0 { (1.0 / 10.0_f64.powi(-power), power) } else { (unit, power) };
-    let step_value = step * tenths;
+    let first = (range / most.max(1) as f64).log10().floor() as i32;
+    (first..first + 3)
+        .flat_map(|power| [1.0, 2.0, 5.0].map(|digit| (digit, power)))
+        .map(|(digit, power)| multiples_of(digit, power, span))
+        .find(|ticks| ticks.len() <= most)
+        .unwrap_or_default()
+}
+
+fn multiples_of(digit: f64, power: i32, span: Span) -> Vec<f64> {
+    // Whole numbers first, then the power of ten: 3 × 0.1 would be 0.30000000000000004.
+    let unit = 10.0_f64.powi(power.abs());
+    let value = |whole: f64| if power < 0 { whole * digit / unit } else { whole * digit * unit };
     let slack = 1e-9 * (span.high - span.low);
-    let (first, last) =
-        (((span.low - slack) / step_value).ceil() as i64, ((span.high + slack) / step_value).floor() as i64);
-    (first..=last)
-        .map(|i| {
-            let whole = i as f64 * step;
-            if power < 0 { whole / 10.0_f64.powi(-power) } else { whole * 10.0_f64.powi(power) }
-        })
-        .collect()
+    let (first, last) = ((span.low - slack) / value(1.0), (span.high + slack) / value(1.0));
+    (first.ceil() as i64..=last.floor() as i64).map(|whole| value(whole as f64)).collect()
 }
 
 fn one_two_five(span: Span, count: usize) -> Vec<f64> {

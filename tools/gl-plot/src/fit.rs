@@ -112,7 +112,7 @@ impl Fit {
             });
         }
         legend.push((Key::Line(paint.mean), mean.to_owned()));
-        legend.push((Key::Area(paint.band), "90 % of the runs".to_owned()));
+        legend.push((Key::Area(paint.band), "90 % band".to_owned()));
         for (rank, name) in best.iter().enumerate() {
             legend.push((Key::Line(paint.best(rank)), format!("{}: {name}", rank + 1)));
         }
@@ -123,7 +123,7 @@ impl Fit {
             let (left, right) = figure.cell(0, columns);
             let height = (0.72 * (right - left)).clamp(90.0, 190.0);
             let (top, middle) = (figure.y + 4.0, figure.y + 4.0 + height);
-            let (residual_top, bottom) = (middle + 8.0, middle + 8.0 + 0.42 * height);
+            let (residual_top, bottom) = (middle + 8.0, middle + 8.0 + 0.48 * height);
             for (column, curves) in row.iter().enumerate() {
                 let (left, right) = figure.cell(column, columns);
                 let label = |name: &str| Label { name: name.to_owned(), unit: self.units.get(name) };

@@ -83,7 +83,7 @@ impl History {
             let tables = self.summary.iter().map(|path| Table::read(path)).collect::<Result<Vec<_>>>()?;
             let rows = along_iterations(&tables, &parameters)?;
             figure.legend(&[
-                (Key::Line(Paint::line(color::BLUE, 1.2)), "mean, or the quantity itself".to_owned()),
+                (Key::Line(Paint::line(color::BLUE, 1.2)), "mean".to_owned()),
                 (Key::Area(band_paint(color::BLUE)), "90 % interval".to_owned()),
             ]);
             rows.into_iter().for_each(|row| draw_rows(&mut figure, row, "iteration"));

@@ -66,6 +66,14 @@ impl Parameters {
         Label { name: name.to_owned(), unit: self.get(name).and_then(|parameter| parameter.unit.clone()) }
     }
 
+    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis.
+    pub fn support(&self, name: &str, span: Span) -> Span {
+        match self.get(name) {
+            Some(parameter) => Span { low: parameter.lower, high: parameter.upper, ..span },
+            None => span,
+        }
+    }
+
     /// What an axis of this parameter has to show: its values, and its bounds where they are known.
     pub fn span(&self, name: &str, values: &[f64]) -> Span {
         let span = Span::of(values.iter().copied());

@@ -1,13 +1,20 @@
 //! Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
 
+mod attribution;
 mod axis;
+mod contour;
+mod emulator;
 mod figure;
 mod fit;
 mod font;
+mod gap;
 mod history;
 mod input;
+mod matrix;
+mod pairs;
 mod panel;
 mod posterior;
+mod proposal;
 mod raster;
 mod scene;
 mod svg;
@@ -36,7 +43,12 @@ struct Args {
 enum Picture {
     Fit(fit::Fit),
     Posterior(posterior::Posterior),
+    Pairs(pairs::Pairs),
     History(history::History),
+    Proposal(proposal::Proposal),
+    Emulator(emulator::Emulator),
+    Gap(gap::Gap),
+    Attribution(attribution::Attribution),
 }
 
 /// What every picture has.
@@ -113,7 +125,12 @@ fn run(args: &Args) -> Result<()> {
     let scene = match &args.picture {
         Picture::Fit(fit) => fit.draw(&args.style)?,
         Picture::Posterior(posterior) => posterior.draw(&args.style)?,
+        Picture::Pairs(pairs) => pairs.draw(&args.style)?,
         Picture::History(history) => history.draw(&args.style)?,
+        Picture::Proposal(proposal) => proposal.draw(&args.style)?,
+        Picture::Emulator(emulator) => emulator.draw(&args.style)?,
+        Picture::Gap(gap) => gap.draw(&args.style)?,
+        Picture::Attribution(attribution) => attribution.draw(&args.style)?,
     };
     let bytes = match kind {
         Kind::Svg => svg::render(&scene).into_bytes(),

@@ -8,8 +8,6 @@ use crate::thin;
 const TICK: f64 = 2.5;
 /// Below the frame: tick labels and the title of the axis.
 pub const BELOW: f64 = TICK + SMALL + LARGE + 5.0;
-/// Below the frame without a title.
-pub const BELOW_TICKS: f64 = TICK + SMALL + 3.0;
 
 /// Room that a vertical axis takes left of the frame: tick labels and title.
 pub fn room_beside(axis: &Axis) -> f64 {
@@ -29,7 +27,10 @@ pub struct Panel {
     beside: f64,
     with_x_labels: bool,
     with_y_labels: bool,
+    /// What the frame cuts off.
     items: Vec<Item>,
+    /// What it does not.
+    notes: Vec<Item>,
 }
 
 impl Panel {
@@ -44,6 +45,7 @@ impl Panel {
             with_x_labels: true,
             with_y_labels: true,
             items: Vec::new(),
+            notes: Vec::new(),
         }
     }
 
@@ -88,6 +90,11 @@ impl Panel {
         self.items.push(Item::Group { class: "series", title: title.into(), clip: None, items });
     }
 
+    /// Add something that may reach over the frame.
+    pub fn note(&mut self, item: Item) {
+        self.notes.push(item);
+    }
+
     /// A line through pairs of values, in their order.
     pub fn line(&mut self, title: &str, points: impl IntoIterator<Item = Point>, paint: Paint) {
         let points = thin::line(&self.all_at(points));
@@ -96,7 +103,7 @@ impl Panel {
 
     /// Closed outlines.
     pub fn outlines(&mut self, title: &str, outlines: &[Vec<Point>], paint: Paint) {
-        let lines = outlines.iter().map(|points| thin::line(&self.all_at(points.iter().copied()))).collect();
+        let lines = outlines.iter().map(|points| self.all_at(points.iter().copied())).collect();
         self.add(title, vec![Item::Path { lines, closed: true, paint }]);
     }
 
@@ -174,18 +181,19 @@ impl Panel {
         marks.extend(self.y.minor.iter().map(|&value| vec![(x0, y_at(value)), (x0 + 1.4, y_at(value))]));
         axes.push(Item::Path { lines: marks, closed: false, paint: frame });
         if self.with_x_labels {
-            let title = self.x.title(x1 - x0 + 20.0);
+            let title = self.x.title(x1 - x0 + 4.0);
             axes.push(text(((x0 + x1) / 2.0, y1 + BELOW - 3.5), title, LARGE, Anchor::Middle));
         }
         if self.with_y_labels {
             let place = (x0 - self.beside + LARGE + 1.0, (y0 + y1) / 2.0);
-            axes.push(turned_text(place, self.y.title(y1 - y0 + 8.0), LARGE));
+            axes.push(turned_text(place, self.y.title(y1 - y0 + 12.0), LARGE));
         }
         if let Some(heading) = &self.heading {
             axes.push(text(((x0 + x1) / 2.0, y0 - 3.0), heading, SMALL, Anchor::Middle));
         }
         let inside =
             Item::Group { class: "data", title: String::new(), clip: Some(self.rect), items: self.items };
+        axes.extend(self.notes);
         let axes = Item::Group { class: "axes", title: String::new(), clip: None, items: axes };
         Item::Group { class: "panel", title: self.name, clip: None, items: vec![inside, axes] }
     }

@@ -159,10 +159,8 @@ struct Marginals<'a> {
 
 impl Marginals<'_> {
     fn panel(&self, rect: Rect, x: Axis, beside: f64) -> Panel {
-        let bounds = self.parameters.get(self.name).map(|parameter| (parameter.lower, parameter.upper));
-        let span = x.span;
-        // Kernels are evened out over the axis as it is drawn, and do not leak through the bounds.
-        let support = bounds.map_or(span, |(low, high)| Span { low, high, ..span });
+        // Kernels do not leak through the bounds.
+        let support = self.parameters.support(self.name, x.span);
         let densities: Vec<Vec<f64>> = self
             .stages
             .iter()
