@@ -7,6 +7,7 @@
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
 //! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
 //! | weights and what they say | [`statistics`] |
+//! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
 
@@ -15,15 +16,24 @@ pub mod cli;
 pub mod collect;
 pub mod density;
 pub mod design;
+pub mod emulator;
 pub mod ensemble;
+pub mod filter;
+pub mod gap;
 pub mod misfit;
+pub mod mixture;
 pub mod observations;
 pub mod predict;
 pub mod prior;
+pub mod proposal;
+pub mod resample;
 pub mod samples;
 pub mod sequence;
 pub mod statistics;
+pub mod stop;
+pub mod summary;
 pub mod table;
 pub mod weights;
+pub mod world;
 
 pub use anyhow::Result;
