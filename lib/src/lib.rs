@@ -14,6 +14,7 @@
 pub mod alignment;
 pub mod cli;
 pub mod collect;
+pub mod density;
 pub mod design;
 pub mod emulator;
 pub mod ensemble;
