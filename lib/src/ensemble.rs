@@ -52,6 +52,21 @@ impl Ensemble {
         Self::parse(&name, &read_bytes(path)?, control, observables)
     }
 
+    /// Read an ensemble table as [`Ensemble::read`] does, with what is not named taken from its header:
+    /// the column after `step` is the control, and the ones after it are the observables, but for
+    /// the `_sd` of another.
+    ///
+    /// # Errors
+    /// See [`Ensemble::read`]; also if the header leaves no control or observable to take.
+    pub fn read_by_header(path: &Path, control: Option<&str>, observables: &[String]) -> Result<Self> {
+        let source = crate::table::source_name(path);
+        let bytes = read_bytes(path)?;
+        let rows = crate::table::Rows::new(&source, &bytes)?;
+        let (header_control, header_observables) = header_columns(rows.format())?;
+        let observables = if observables.is_empty() { &header_observables } else { observables };
+        Self::parse(&source, &bytes, control.unwrap_or(&header_control), observables)
+    }
+
     /// Parse an ensemble table from its bytes; see [`Ensemble::read`].
     ///
     /// # Errors
@@ -247,6 +262,21 @@ impl Ensemble {
         }
         table.finish()
     }
+}
+
+/// The control and the observables that the header `sample step <control> <observables…>` names.
+fn header_columns(format: &Format) -> Result<(String, Vec<String>)> {
+    let step = format.column("step")?;
+    let names = &format.columns()[step + 1..];
+    let is_sd = |name: &str| name.strip_suffix("_sd").is_some_and(|base| names.iter().any(|n| n == base));
+    let observables: Vec<String> = names.iter().skip(1).filter(|name| !is_sd(name)).cloned().collect();
+    ensure!(
+        !observables.is_empty(),
+        "{}:1: an ensemble has the columns sample, step, a control and observables; found {}",
+        format.source(),
+        format.columns().join(", ")
+    );
+    Ok((names[0].clone(), observables))
 }
 
 /// How far, as a share of the control's range, the same step may lie apart in two tables.

@@ -10,12 +10,19 @@
 //!
 //! The mathematics is written down in `docs/design.md`.
 
+pub mod alignment;
 pub mod cli;
+pub mod collect;
+pub mod design;
 pub mod ensemble;
+pub mod misfit;
 pub mod observations;
+pub mod predict;
 pub mod prior;
 pub mod samples;
+pub mod sequence;
 pub mod statistics;
 pub mod table;
+pub mod weights;
 
 pub use anyhow::Result;

@@ -6,8 +6,10 @@
 //! tab-separated with a bare header.
 
 mod read;
+mod runs;
 mod write;
 
-pub(crate) use read::source_name;
+pub use read::source_name;
 pub use read::{Format, Rows, Table, open, parse_number, read_bytes};
+pub use runs::{Flaw, RunTable, piece_rows};
 pub use write::{Sink, TableWriter, push_number};

@@ -90,18 +90,19 @@ impl Format {
     /// # Errors
     /// If the line has another number of fields.
     pub fn split<'a>(&self, number: usize, line: &'a str, fields: &mut Vec<&'a str>) -> Result<()> {
+        self.split_fields(line, fields).map_err(|problem| anyhow!("{}:{number}: {problem}", self.source))
+    }
+
+    /// [`Format::split`] for a line whose number is not known yet.
+    pub(crate) fn split_fields<'a>(&self, line: &'a str, fields: &mut Vec<&'a str>) -> Result<(), String> {
         split(line, self.separator, fields);
         if fields.len() != self.columns.len() && self.separator != Separator::Blanks {
             // A header written with tabs above rows written with blanks.
             split(line, Separator::Blanks, fields);
         }
-        ensure!(
-            fields.len() == self.columns.len(),
-            "{}:{number}: {} fields where the header names {}",
-            self.source,
-            fields.len(),
-            self.columns.len()
-        );
+        if fields.len() != self.columns.len() {
+            return Err(format!("{} fields where the header names {}", fields.len(), self.columns.len()));
+        }
         Ok(())
     }
 
@@ -302,7 +303,7 @@ fn next_line<'a>(rest: &mut &'a str) -> Option<&'a str> {
 }
 
 /// The name of an input in messages: its path, or `stdin` for `-`.
-pub(crate) fn source_name(path: &Path) -> String {
+pub fn source_name(path: &Path) -> String {
     if path == Path::new("-") { "stdin".to_owned() } else { path.display().to_string() }
 }
 

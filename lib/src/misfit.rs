@@ -1,0 +1,283 @@
+//! How far each run is from the measurement, step by step.
+
+use std::io::{Read, Write};
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result, bail, ensure};
+
+use crate::ensemble::{CONTROL_TOLERANCE, Columns};
+use crate::observations::{ByName, Observations, Steps, range};
+use crate::table::{Flaw, Format, RunTable, parse_number, piece_rows, push_number};
+
+mod table;
+
+pub use table::Misfits;
+
+/// What a misfit is measured against when no noise is given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// The largest observation over all steps.
+    Max,
+    /// The observation itself.
+    Value,
+    /// The range of the observations over all steps.
+    Range,
+    /// One.
+    None,
+}
+
+/// Variance of each reading, shape (observables, steps), and whether it is that of a known noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Covariance {
+    /// Diagonal of C for each observable and step.
+    pub variance: Vec<Vec<f64>>,
+    /// Whether the variance is a noise that was given, so that σ = 1 is the posterior.
+    pub is_noise: bool,
+}
+
+impl Covariance {
+    /// C from the weights and scales of the observables: wⱼ (∏w)^(−1/m) sⱼ².
+    ///
+    /// `weights` are inverse observation weights by name, 1 where none is given.
+    ///
+    /// # Errors
+    /// If a scale is zero, or a weight is not positive or names no observable.
+    pub fn scaled(observations: &Observations, scale: Scale, weights: &ByName) -> Result<Self> {
+        weights.check_names(&observations.names, "--weights")?;
+        let weights: Vec<f64> =
+            observations.names.iter().map(|name| weights.get(name).unwrap_or(1.0)).collect();
+        ensure!(weights.iter().all(|w| *w > 0.0), "--weights must be positive");
+        let mean_ln = weights.iter().map(|w| w.ln()).sum::<f64>() / weights.len() as f64;
+        let mut variance = Vec::new();
+        for ((name, values), weight) in observations.names.iter().zip(&observations.values).zip(weights) {
+            let scales: Vec<f64> = match scale {
+                Scale::Max => vec![values.iter().copied().fold(f64::NEG_INFINITY, f64::max); values.len()],
+                Scale::Value => values.clone(),
+                Scale::Range => vec![range(values); values.len()],
+                Scale::None => vec![1.0; values.len()],
+            };
+            if let Some(step) = scales.iter().position(|s| *s == 0.0) {
+                let (what, other) = match scale {
+                    Scale::Max => ("the largest value", "range"),
+                    Scale::Value => ("the value", "max"),
+                    _ => ("the range", "max"),
+                };
+                bail!(
+                    "{}: column {name}: {what} is zero (step {step}) and cannot be a scale; use --scale {other}",
+                    observations.source
+                );
+            }
+            let factor = (weight.ln() - mean_ln).exp();
+            variance.push(scales.iter().map(|s| factor * s * s).collect());
+        }
+        Ok(Self { variance, is_noise: false })
+    }
+
+    /// C from the standard deviation of a known noise, shape (observables, steps).
+    pub fn of_noise(noise: &[Vec<f64>]) -> Self {
+        let variance = noise.iter().map(|sd| sd.iter().map(|sd| sd * sd).collect()).collect();
+        Self { variance, is_noise: true }
+    }
+}
+
+/// Compares runs with a measurement.
+#[derive(Debug)]
+pub struct Comparison<'a> {
+    observations: &'a Observations,
+    covariance: Covariance,
+    steps: std::ops::Range<usize>,
+    /// What the error is a share of, shape (observables,).
+    ranges: Vec<f64>,
+}
+
+/// What one run gives: a misfit and an error a step, and how many independent readings it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunMisfit {
+    /// rᵀC⁻¹r at each step, shape (steps,).
+    pub misfit: Vec<f64>,
+    /// Mean over the observables of |r| / range, shape (steps,).
+    pub error: Vec<f64>,
+    /// Independent readings among the residuals, over all steps and observables.
+    pub readings: f64,
+}
+
+impl<'a> Comparison<'a> {
+    /// Compare at some of the steps of a measurement.
+    ///
+    /// # Errors
+    /// If the measurement has none of these steps.
+    pub fn new(observations: &'a Observations, covariance: Covariance, steps: Steps) -> Result<Self> {
+        let steps = steps.within(observations.steps())?;
+        let ranges = observations
+            .values
+            .iter()
+            .map(|values| {
+                // A constant observable has no range to be a share of.
+                let size = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+                [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
+            })
+            .collect();
+        Ok(Self { observations, covariance, steps, ranges })
+    }
+
+    /// Misfit of one run.
+    ///
+    /// * `curves` — simulated observables, step by step: `curves[t * m + j]`, shape (steps · m,).
+    /// * `sd` — their standard deviations in the same order, if an emulator gave them.
+    pub fn run(&self, curves: &[f64], sd: Option<&[f64]>) -> RunMisfit {
+        let m = self.observations.names.len();
+        let n = self.steps.len();
+        let mut result = RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0 };
+        let mut residuals = vec![0.0; n];
+        for j in 0..m {
+            for (i, t) in self.steps.clone().enumerate() {
+                let residual = self.observations.values[j][t] - curves[t * m + j];
+                let variance = self.covariance.variance[j][t];
+                let own = sd.map_or(0.0, |sd| sd[t * m + j] * sd[t * m + j]);
+                let squared = residual * residual / (variance + own);
+                result.misfit[i] += squared + (own / variance).ln_1p();
+                result.error[i] += residual.abs() / (self.ranges[j] * m as f64);
+                residuals[i] = residual / variance.sqrt();
+            }
+            result.readings += independent_readings(&residuals);
+        }
+        result
+    }
+
+    /// Read an ensemble table and write the misfit table, `sample step misfit error readings`, a few
+    /// megabytes at a time: memory does not grow with the number of runs.
+    ///
+    /// `readings` is the number of independent readings that a row stands for, so that their sum over
+    /// a run says how many there are to estimate the noise from; 0 where the noise is known.
+    ///
+    /// # Errors
+    /// If the table cannot be read or written, or a run does not have the steps of the measurement.
+    pub fn stream(&self, source: &str, input: &mut dyn Read, output: &mut dyn Write) -> Result<()> {
+        let table = RunTable::new(source, input, "sample")?;
+        let columns =
+            Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
+        output
+            .write_all(b"sample\tstep\tmisfit\terror\treadings\n")
+            .context("the misfits cannot be written")?;
+        table.for_each(
+            |piece, format| self.piece(piece, format, &columns),
+            |rows| output.write_all(&rows).context("the misfits cannot be written"),
+        )
+    }
+
+    /// The misfit rows of a piece of an ensemble table that holds whole runs.
+    fn piece(&self, piece: &str, format: &Format, columns: &Columns) -> Result<Vec<u8>, Flaw> {
+        let m = columns.observables.len();
+        let total = self.observations.steps();
+        let control_tolerance = CONTROL_TOLERANCE * range(&self.observations.control);
+        let mut output = Vec::with_capacity(piece.len());
+        let mut fields = Vec::new();
+        let (mut sample, mut last) = ("", 0);
+        let (mut values, mut sds) = (Vec::with_capacity(m * total), Vec::new());
+        let mut close = |sample: &str, values: &mut Vec<f64>, sds: &mut Vec<f64>, line: usize| {
+            if values.len() != m * total {
+                let steps = values.len() / m;
+                let problem =
+                    format!("sample {sample} ends after {steps} steps of {total}; is the table cut off?");
+                return Err(Flaw { line, problem });
+            }
+            let misfit = self.run(values, columns.sd.as_ref().map(|_| sds.as_slice()));
+            self.write_rows(sample, &misfit, &mut output);
+            values.clear();
+            sds.clear();
+            Ok(())
+        };
+        for (line, row) in piece_rows(piece) {
+            let flaw = |problem: String| Flaw { line, problem };
+            format.split_fields(row, &mut fields).map_err(flaw)?;
+            let name = fields[columns.sample];
+            if name != sample {
+                if last > 0 {
+                    close(sample, &mut values, &mut sds, last)?;
+                }
+                sample = name;
+            }
+            let step = values.len() / m;
+            let value = |column: usize| {
+                parse_number(fields[column])
+                    .map_err(|problem| flaw(format!("column {}: {problem}", format.columns()[column])))
+            };
+            if fields[columns.step].parse() != Ok(step) {
+                let found = fields[columns.step];
+                return Err(flaw(format!("column step: {found} where step {step} of {name} should follow")));
+            }
+            if step >= total {
+                return Err(flaw(format!("step {step}, but {} has {total} rows", self.observations.source)));
+            }
+            let (at, expected) = (value(columns.control)?, self.observations.control[step]);
+            if (at - expected).abs() > control_tolerance {
+                return Err(flaw(format!(
+                    "column {}: {at}, but step {step} of {} is at {expected}; collect the runs with this measurement",
+                    self.observations.control_name, self.observations.source
+                )));
+            }
+            for &column in &columns.observables {
+                values.push(value(column)?);
+            }
+            for &column in columns.sd.iter().flatten() {
+                sds.push(value(column)?);
+            }
+            last = line;
+        }
+        if last > 0 {
+            close(sample, &mut values, &mut sds, last)?;
+        }
+        Ok(output)
+    }
+
+    fn write_rows(&self, sample: &str, run: &RunMisfit, output: &mut Vec<u8>) {
+        let share = if self.covariance.is_noise { 0.0 } else { run.readings / run.misfit.len() as f64 };
+        let mut readings = Vec::new();
+        push_number(&mut readings, share);
+        for (i, step) in self.steps.clone().enumerate() {
+            output.extend_from_slice(sample.as_bytes());
+            output.push(b'\t');
+            push_number(output, step as f64);
+            output.push(b'\t');
+            push_number(output, run.misfit[i]);
+            output.push(b'\t');
+            push_number(output, run.error[i]);
+            output.push(b'\t');
+            output.extend_from_slice(&readings);
+            output.push(b'\n');
+        }
+    }
+}
+
+/// Number of independent readings among residuals along the steps: n (1 − ρ)/(1 + ρ), with ρ their
+/// correlation from one step to the next.
+///
+/// A correlation that white noise would show too (below 1.64/√n) counts as none, and the residuals
+/// are not centred: an offset left over is not noise.
+///
+/// # Source
+/// Bayley & Hammersley (1946), J. R. Stat. Soc. Suppl. 8:184, for a first-order autoregression.
+pub fn independent_readings(residuals: &[f64]) -> f64 {
+    let n = residuals.len() as f64;
+    let power: f64 = residuals.iter().map(|r| r * r).sum();
+    let product: f64 = residuals.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    let correlation = if power > 0.0 { product / power } else { 0.0 };
+    if correlation < 1.64 / n.sqrt() {
+        return n;
+    }
+    (n * (1.0 - correlation) / (1.0 + correlation)).max(1.0)
+}
+
+impl FromStr for Scale {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        Ok(match text {
+            "max" => Self::Max,
+            "value" => Self::Value,
+            "range" => Self::Range,
+            "none" => Self::None,
+            _ => bail!("{text:?} is none of max, value, range, none"),
+        })
+    }
+}

@@ -1,0 +1,177 @@
+use std::io::Read;
+use std::str;
+
+use anyhow::{Context, Result, anyhow, ensure};
+use rayon::prelude::*;
+
+use super::read::Format;
+
+/// Something wrong in a piece of a table: at which of its lines, and what.
+#[derive(Clone, Debug)]
+pub struct Flaw {
+    /// Line within the piece, from 1.
+    pub line: usize,
+    /// What was found, and what would be right.
+    pub problem: String,
+}
+
+/// A table whose rows come run by run, read in blocks that hold whole runs and are worked on by all
+/// cores: memory does not grow with the number of runs.
+pub struct RunTable<'a> {
+    input: &'a mut dyn Read,
+    format: Format,
+    key: usize,
+    buffer: Vec<u8>,
+    /// How much of the buffer is done with; the rest begins the next block.
+    used: usize,
+    /// Lines that are done with.
+    lines: usize,
+    ended: bool,
+}
+
+const BLOCK: usize = 4 << 20;
+
+impl<'a> RunTable<'a> {
+    /// Begin with the header; rows with the same field in the column `key` are one run.
+    ///
+    /// # Errors
+    /// If there is no header, or no such column.
+    pub fn new(source: &str, input: &'a mut dyn Read, key: &str) -> Result<Self> {
+        let mut buffer = Vec::new();
+        let mut ended = false;
+        loop {
+            let text = buffer.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&buffer);
+            let start = text.iter().position(|byte| !byte.is_ascii_whitespace());
+            let end =
+                start.and_then(|start| memchr::memchr(b'\n', &text[start..]).map(|end| start + end + 1));
+            if let (Some(start), Some(end)) = (start, end.or(ended.then_some(text.len()))) {
+                let lines = memchr::memchr_iter(b'\n', &text[..start]).count() + 1;
+                let header = str::from_utf8(&text[start..end])
+                    .with_context(|| format!("{source}:{lines}: not UTF-8 text"))?;
+                let format = Format::from_header(source, lines, header)?;
+                let key = format.column(key)?;
+                let used = buffer.len() - text.len() + end;
+                return Ok(Self { input, format, key, buffer, used, lines, ended });
+            }
+            ensure!(!ended, "{source}: empty; a table begins with a line that names the columns");
+            ended = !fill(source, input, &mut buffer, 1 << 16)?;
+        }
+    }
+
+    /// Layout of the fields: source and column names.
+    pub fn format(&self) -> &Format {
+        &self.format
+    }
+
+    /// Work on the table piece by piece. Each piece holds whole runs; `work` is called for several at
+    /// a time, and `take` with the results in the order of the table.
+    ///
+    /// # Errors
+    /// If the table cannot be read, or either of the two fails.
+    pub fn for_each<T: Send>(
+        mut self,
+        work: impl Fn(&str, &Format) -> Result<T, Flaw> + Sync,
+        mut take: impl FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        while self.next_block()? {
+            let source = self.format.source();
+            let block = str::from_utf8(&self.buffer[..self.used])
+                .with_context(|| format!("{source}:{}: not UTF-8 text", self.lines + 1))?;
+            let pieces = self.pieces(block, 4 * rayon::current_num_threads());
+            let results: Vec<_> = pieces.par_iter().map(|piece| work(piece, &self.format)).collect();
+            for (piece, result) in pieces.iter().zip(results) {
+                take(
+                    result
+                        .map_err(|flaw| anyhow!("{source}:{}: {}", self.lines + flaw.line, flaw.problem))?,
+                )?;
+                self.lines += memchr::memchr_iter(b'\n', piece.as_bytes()).count();
+            }
+        }
+        Ok(())
+    }
+
+    /// Go on to the next block; false at the end of the table.
+    fn next_block(&mut self) -> Result<bool> {
+        self.buffer.drain(..self.used);
+        self.used = 0;
+        loop {
+            if self.ended {
+                self.used = self.buffer.len();
+                return Ok(self.used > 0);
+            }
+            if self.buffer.len() >= BLOCK {
+                self.used = self.last_run_start();
+                if self.used > 0 {
+                    return Ok(true);
+                }
+            }
+            // A run longer than a block makes the block longer.
+            let more = BLOCK.max(self.buffer.len());
+            self.ended = !fill(self.format.source(), self.input, &mut self.buffer, more)?;
+        }
+    }
+
+    /// Where the last run in the buffer begins, of which more may follow; 0 if there is only one.
+    fn last_run_start(&self) -> usize {
+        let mut fields = Vec::new();
+        let mut last: Option<String> = None;
+        let mut start = memchr::memrchr(b'\n', &self.buffer).map_or(0, |end| end + 1);
+        while start > 0 {
+            let previous = memchr::memrchr(b'\n', &self.buffer[..start - 1]).map_or(0, |end| end + 1);
+            let line = str::from_utf8(&self.buffer[previous..start - 1]).unwrap_or("");
+            match (self.run(line, &mut fields), &last) {
+                (Some(run), None) => last = Some(run.to_owned()),
+                (Some(run), Some(last)) if run != last => return start,
+                _ => {}
+            }
+            start = previous;
+        }
+        0
+    }
+
+    /// Cut a block into about `count` pieces between runs.
+    fn pieces<'b>(&self, block: &'b str, count: usize) -> Vec<&'b str> {
+        let size = block.len() / count + 1;
+        let mut pieces = Vec::with_capacity(count);
+        let mut fields = Vec::new();
+        let mut rest = block;
+        while rest.len() > size {
+            let Some(end) = memchr::memchr(b'\n', &rest.as_bytes()[size..]) else { break };
+            let mut end = size + end + 1;
+            let mut cut: Option<&str> = None;
+            while let Some(length) = memchr::memchr(b'\n', &rest.as_bytes()[end..]) {
+                match (self.run(&rest[end..end + length], &mut fields), cut) {
+                    (Some(run), None) => cut = Some(run),
+                    (Some(run), Some(cut)) if run != cut => break,
+                    _ => {}
+                }
+                end += length + 1;
+            }
+            let (piece, after) = rest.split_at(end);
+            pieces.push(piece);
+            rest = after;
+        }
+        pieces.push(rest);
+        pieces
+    }
+
+    /// The run that a line belongs to, if it is a row.
+    fn run<'b>(&self, line: &'b str, fields: &mut Vec<&'b str>) -> Option<&'b str> {
+        self.format.split_fields(line, fields).is_ok().then(|| fields[self.key])
+    }
+}
+
+/// The rows of a piece, without blank lines and comments, with their lines within the piece.
+pub fn piece_rows<'a>(piece: &'a str) -> impl Iterator<Item = (usize, &'a str)> {
+    piece.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| {
+        let start = line.trim_ascii_start();
+        !start.is_empty() && !start.starts_with('#')
+    })
+}
+
+/// Read up to `more` bytes more; false at the end of the input.
+fn fill(source: &str, input: &mut dyn Read, buffer: &mut Vec<u8>, more: usize) -> Result<bool> {
+    let read =
+        input.take(more as u64).read_to_end(buffer).with_context(|| format!("{source}: cannot be read"))?;
+    Ok(read > 0)
+}

@@ -1,0 +1,248 @@
+# shellcheck shell=bash
+# What the run-* scripts share: read and check the samples table, find the rows whose run is
+# missing, check the model. Sourced, not run.
+
+set -euo pipefail
+export LC_ALL=C
+ME=${0##*/}
+HERE=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+
+say() { printf '%s: %s\n' "$ME" "$*" >&2; }
+die() { say "$*"; exit 2; }
+
+# The comment at the top of the script that was called.
+usage() { sed -n '2,/^$/s/^# \{0,1\}//p' "$0"; }
+
+# arguments "$@": the call that all engines share, SAMPLES MODEL DIR.
+# Sets and exports what run-row reads: GL_TABLE, GL_MODEL, GL_DIR and CASE, all absolute.
+arguments() {
+    case ${1-} in -h | --help) usage; exit 0 ;; esac
+    [ $# -eq 3 ] || die "needs SAMPLES MODEL DIR; see $ME --help"
+    SAMPLES=$1
+    if [ ! -r "$SAMPLES" ] || [ -d "$SAMPLES" ]; then
+        die "$SAMPLES: no such samples table; gl-sample writes one"
+    fi
+    CASE=$(cd "${CASE:-.}" && pwd) || die "CASE: no such folder"
+    local table
+    table=$(canonical_table "$SAMPLES") || exit 2
+    check_model "$2" "$table"
+    mkdir -p "$3" || die "$3: cannot be made"
+    GL_DIR=$(cd "$3" && pwd)
+    GL_TABLE=$GL_DIR/.run/samples.txt
+    export CASE GL_TABLE GL_MODEL GL_DIR
+    # Yade scripts import gl_yade from here.
+    export PYTHONPATH=$HERE${PYTHONPATH:+:$PYTHONPATH}
+
+    lock_dir
+    # Nothing runs here now: what is left in .run belongs to runs that were killed.
+    rm -rf "$GL_DIR/.run"
+    mkdir "$GL_DIR/.run"
+    printf '%s\n' "$table" >"$GL_TABLE"
+}
+
+# Hold DIR until the last process that was started for it has ended. A model that outlives a killed
+# engine inherits the lock, so that nothing is run a second time beside it.
+lock_dir() {
+    command -v flock >/dev/null || return 0
+    exec 9<"$GL_DIR"
+    local status=0
+    flock -n 9 || status=$?
+    if [ "$status" -eq 1 ]; then
+        say "$GL_DIR: waiting for the runs that another process has started there"
+        flock 9
+    elif [ "$status" -ne 0 ]; then
+        say "$GL_DIR: this file system has no locks; start one engine at a time here"
+    fi
+}
+
+# tie SIGNAL: sets tied, the prefix for a command that is to get SIGNAL when this script is killed.
+# shellcheck disable=SC2034  # it is the callers that use it
+tie() {
+    tied=()
+    if setpriv --pdeathsig "$1" true 2>/dev/null; then tied=(setpriv --pdeathsig "$1"); fi
+}
+
+# canonical_table FILE: the table as Yade reads it (tabs, bare header, a newline after the last row),
+# on stdout, once every cell is known to be harmless. Yade evaluates cells as Python.
+canonical_table() {
+    ME=$ME SOURCE=$1 awk '
+        function fail(text) {
+            printf "%s: %s:%d: %s\n", ENVIRON["ME"], ENVIRON["SOURCE"], NR, text > "/dev/stderr"
+            failed = 1
+            exit 2
+        }
+        function split_line(text) {
+            gsub(/^[ \t]+|[ \t]+$/, "", text)
+            if (separator == " ") return split(text, field, /[ \t]+/)
+            count = split(text, field, separator)
+            for (j = 1; j <= count; j++) gsub(/^[ \t]+|[ \t]+$/, "", field[j])
+            return count
+        }
+        function check_header(    j) {
+            for (j = 1; j <= columns; j++) {
+                name[j] = field[j]
+                if (name[j] !~ /^([A-Za-z_][A-Za-z0-9_]*|!OMP_NUM_THREADS)$/)
+                    fail("\"" name[j] "\" cannot be a column name; use letters, digits and _")
+                if (name[j] == "dir" || name[j] == "case")
+                    fail("column " name[j] ": this name stands for a folder; call the parameter otherwise")
+                if (name[j] in place) fail("column " name[j] " is there more than once")
+                place[name[j]] = j
+            }
+            if (!("description" in place)) fail("no column description; gl-sample writes one")
+        }
+        function check_description(text) {
+            if (text !~ /^[A-Za-z0-9_.,=+@:-]+$/ || text ~ /^[-.]/ || text ~ /\.\./ || text == "=" || length(text) > 200)
+                fail("column description: \"" text "\" cannot name a run; use at most 200 letters, digits and _ - . , = + @ : (no leading - or ., no ..)")
+            if (text in seen) fail("column description: " text " is on line " seen[text] " already")
+            seen[text] = NR
+        }
+        { sub(/\r$/, "") }
+        NR == 1 { sub(/^\357\273\277/, "") }
+        /^[ \t]*$/ { next }
+        !columns {
+            sub(/^[ \t]*#*/, "")
+            separator = index($0, "\t") ? "\t" : index($0, ",") ? "," : " "
+            columns = split_line($0)
+            check_header()
+        }
+        /^[ \t]*#/ { next }
+        columns && rows++ {
+            count = split_line($0)
+            if (count != columns && separator != " ") {
+                separator = " "
+                count = split_line($0)
+            }
+            if (count != columns) fail(count " fields where the header names " columns)
+            for (j = 1; j <= columns; j++) {
+                if (name[j] == "description") check_description(field[j])
+                else if (name[j] == "!OMP_NUM_THREADS" && field[j] !~ /^[1-9][0-9]*$/)
+                    fail("column !OMP_NUM_THREADS: \"" field[j] "\" is no number of threads")
+                else if (field[j] !~ /^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?$/)
+                    fail("column " name[j] ": \"" field[j] "\" is not a number")
+                # To Python, which Yade reads cells with, 007 is no number.
+                else if (field[j] ~ /^[+-]?0+[0-9]+$/) sub(/0+/, "", field[j])
+            }
+        }
+        {
+            for (j = 1; j <= columns; j++) printf "%s%s", field[j], j < columns ? "\t" : "\n"
+        }
+        END { if (!failed && !columns) { NR = 1; fail("no header; the first line must name the columns") } }
+    ' <"$1"
+}
+
+# missing_rows: line numbers, in GL_TABLE, of the rows whose run is not complete. Complete is: both
+# files are there, the simulation has rows and a newline at its end, and the parameters are the row's.
+missing_rows() {
+    DIR=$GL_DIR awk -F '\t' '
+        function slurp(path,    text) {
+            if ((getline text < path) <= 0) text = ""
+            close(path)
+            return text
+        }
+        function has_rows(text) {
+            return index(text, "\n") < length(text) && substr(text, length(text)) == "\n"
+        }
+        # Both rounded, perhaps differently, by whoever wrote them.
+        function same(a, b,    size) {
+            size = a < 0 ? -a : a
+            if (size < (b < 0 ? -b : b)) size = b < 0 ? -b : b
+            return (a > b ? a - b : b - a) <= 1e-5 * size
+        }
+        function has_parameters(text, row,    lines, names, used, cells, value, j, n) {
+            gsub(/\r/, "", text)
+            split(text, lines, "\n")
+            sub(/^[ \t]*#[ \t]*/, "", lines[1])
+            n = split(lines[1], names, /[ \t,]+/)
+            split(lines[2], used, /[ \t,]+/)
+            for (j = 1; j <= n; j++) value[names[j]] = used[j]
+            split(row, cells, "\t")
+            for (j = 1; j <= columns; j++) {
+                if (name[j] ~ /^(description|key|!OMP_NUM_THREADS)$/) continue
+                if (!(name[j] in value) || !same(value[name[j]] + 0, cells[j] + 0)) return 0
+            }
+            return 1
+        }
+        NR == 1 {
+            columns = NF
+            for (j = 1; j <= NF; j++) { name[j] = $j; if ($j == "description") description = j }
+            next
+        }
+        { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description }
+        END {
+            RS = "\001"  # a whole file is one record
+            for (i = 2; i <= NR; i++)
+                if (!has_rows(slurp(base[i] "_sim.txt")) || !has_parameters(slurp(base[i] "_param.txt"), row[i]))
+                    print i
+        }
+    ' "$GL_TABLE"
+}
+
+# read_row LINE: sets columns (their names), cell[NAME] and description from a row of GL_TABLE.
+read_row() {
+    local fields j
+    IFS=$'\t' read -ra columns < <(sed -n 1p "$GL_TABLE")
+    IFS=$'\t' read -ra fields < <(sed -n "${1}p" "$GL_TABLE")
+    [ "${#fields[@]}" -gt 0 ] || die "$GL_TABLE: no line $1"
+    unset cell
+    declare -gA cell
+    for j in "${!columns[@]}"; do cell[${columns[j]}]=${fields[j]}; done
+    description=${cell[description]}
+}
+
+# check_model MODEL TABLE: sets GL_MODEL, or dies, before anything has run.
+check_model() {
+    local names placeholder program
+    GL_MODEL=$1
+    [[ $GL_MODEL == *[![:space:]]* ]] || die "MODEL is empty; see $ME --help"
+    if is_yade "$GL_MODEL"; then
+        GL_MODEL=$(script_path "$GL_MODEL") || exit 2
+        command -v yade >/dev/null || die "yade is not installed, which $1 needs: apt-get install yade"
+        return
+    fi
+    xargs printf '%s\0' <<<"$GL_MODEL" >/dev/null 2>&1 || die "MODEL: a quote is not closed: $GL_MODEL"
+    names=${2%%$'\n'*}
+    names=" ${names//$'\t'/ } dir case "
+    while read -r placeholder; do
+        [[ $names == *" $placeholder "* ]] ||
+            die "MODEL: {$placeholder} is no column of $SAMPLES; the columns are$names"
+    done < <(grep -o '{[A-Za-z_][A-Za-z0-9_]*}' <<<"$GL_MODEL" | tr -d '{}')
+    model_words
+    program=${words[0]//'{case}'/"$CASE"}
+    [[ $program == *'{'* ]] || command -v -- "$program" >/dev/null || die "MODEL: no program $program"
+}
+
+# A Yade script is one word that ends in .py, or a file of that name with blanks.
+is_yade() { [[ $1 == *.py ]] && { [[ $1 != *[[:space:]]* ]] || [ -f "$1" ]; }; }
+
+# script_path FILE: where it is, in CASE or from here.
+script_path() {
+    local file
+    for file in "$CASE/$1" "$1"; do
+        if [ -f "$file" ]; then printf '%s/%s\n' "$(cd "$(dirname "$file")" && pwd)" "${1##*/}"; return; fi
+    done
+    die "$1: no such script, neither in $CASE nor here"
+}
+
+# model_words: GL_MODEL as an array of words; quotes group, nothing is expanded.
+model_words() { mapfile -d '' -t words < <(xargs printf '%s\0' <<<"$GL_MODEL"); }
+
+# report BEFORE...: how it went, from the line numbers that were missing before. Fails if a row was
+# not even tried.
+report() {
+    local line tried=$# rows failed=0 untried=0 names=''
+    rows=$(($(wc -l <"$GL_TABLE") - 1))
+    while read -r line; do
+        read_row "$line"
+        # A status older than the table is that of an earlier call.
+        if [ -e "$GL_DIR/$description.status" ] && [ ! "$GL_TABLE" -nt "$GL_DIR/$description.status" ]; then
+            failed=$((failed + 1))
+            [ "$failed" -gt 5 ] || names+=" $description ($(cat "$GL_DIR/$description.status"))"
+            [ "$failed" -ne 6 ] || names+=" …"
+        else
+            untried=$((untried + 1))
+        fi
+    done < <(missing_rows)
+    say "$rows rows: $((rows - tried)) complete before, $((tried - failed - untried)) run, $failed failed${names:+:$names}"
+    rm -rf "$GL_DIR/.run"
+    [ "$untried" -eq 0 ] || { say "$untried rows were not tried; call again to go on"; return 1; }
+}
