@@ -18,7 +18,7 @@ pub trait Predictor: Sync {
 
     /// Variance of each component between runs at the same parameters (packing, seed), shape
     /// (components,).
-    fn scatter(&self) -> &[f64];
+    fn scatter(&self) -> Vec<f64>;
 
     /// Components at a point in coordinates, with the variance that comes from not knowing the
     /// simulation there, without its scatter.
@@ -55,4 +55,36 @@ pub struct Prediction {
     pub mean: Vec<f64>,
     /// Variance.
     pub variance: Vec<f64>,
+}
+
+impl Predictor for crate::emulator::Emulator {
+    fn centre(&self) -> &[f64] {
+        self.centre().as_slice()
+    }
+
+    fn basis(&self) -> &DMatrix<f64> {
+        self.basis()
+    }
+
+    fn left_over(&self) -> &[f64] {
+        self.leftover().as_slice()
+    }
+
+    fn scatter(&self) -> Vec<f64> {
+        self.nugget()
+    }
+
+    fn predict(&self, point: &[f64]) -> Prediction {
+        let (mean, variance) = self.predict_scores(point);
+        Prediction { mean, variance }
+    }
+
+    fn mean(&self, point: &[f64]) -> Vec<f64> {
+        self.mean_scores(point)
+    }
+
+    fn gradient(&self, point: &[f64]) -> DMatrix<f64> {
+        let (_, gradients) = self.score_gradients(point);
+        DMatrix::from_fn(gradients.len(), point.len(), |i, j| gradients[i][j])
+    }
 }
