@@ -1,5 +1,7 @@
 //! The gap between the calibrated simulation and reality: which effect explains it.
 
+pub mod adequacy;
+pub mod attribution;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
@@ -10,3 +12,5 @@ pub mod model;
 pub mod path;
 pub mod predictor;
 pub mod problem;
+#[cfg(test)]
+mod synthetic_world;

@@ -249,3 +249,67 @@ fn flattened(ln_weights: &[f64], wanted: f64) -> Result<Vec<f64>> {
     }
     Ok(effective(low)?.1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::hypothesis::Candidate;
+    use crate::gap::measurement::{Kind, MeasurementEffect};
+    use crate::gap::problem::Problem;
+    use crate::gap::synthetic_world::{STEPS, Straight};
+
+    /// ln N(y; mean, noise² I + small discrepancy + Σ patternᵢ sdᵢ²), the closed form.
+    fn closed_form(problem: &Problem<'_>, noise: f64, mean: &[f64], patterns: &[(Vec<f64>, f64)]) -> f64 {
+        let smooth = &problem.smooth;
+        let mut covariance = DMatrix::identity(STEPS, STEPS) * noise * noise;
+        for (i, variance) in smooth.variances.iter().enumerate() {
+            let pattern = smooth.patterns.column(i).into_owned();
+            covariance.ger(0.01 * noise * noise * variance, &pattern, &pattern, 1.0);
+        }
+        for (pattern, sd) in patterns {
+            let pattern = DVector::from_column_slice(pattern);
+            covariance.ger(sd * sd, &pattern, &pattern, 1.0);
+        }
+        let away = DVector::from_fn(STEPS, |t, _| problem.observed[t] - mean[t]);
+        let factor = Cholesky::new(covariance).unwrap();
+        let ln_det = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        -0.5 * (away.dot(&factor.solve(&away)) + ln_det + STEPS as f64 * std::f64::consts::TAU.ln())
+    }
+
+    #[test]
+    fn evidence_is_the_closed_form_of_a_straight_model_within_its_error() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let noise = 0.05;
+        let mut values = Straight::curve(1.3, 0.6, 0.2);
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        values.iter_mut().for_each(|y| *y += noise * standard_normal(&mut random));
+        let observations = Straight::observations(values);
+        let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
+        let candidates = vec![
+            Candidate::Simulated(prior.effects().remove(0)),
+            Candidate::Measured(offset),
+        ];
+        let problem =
+            Problem::new(&predictor, &prior, candidates, &observations, Some(vec![vec![noise; STEPS]]), 1.0)
+                .unwrap();
+        let base = vec![(Straight::curve(1.0, 0.0, 0.0), 0.5), (Straight::curve(0.0, 1.0, 0.0), 0.5)];
+        let wave = (Straight::curve(0.0, 0.0, 1.0), 1.0);
+        let offset = (vec![problem.ranges[0]; STEPS], 0.1);
+        let mean = Straight::curve(1.0, 1.0, 0.0);
+        let sets: [(&[usize], Vec<(Vec<f64>, f64)>); 4] = [
+            (&[], vec![]),
+            (&[0], vec![wave.clone()]),
+            (&[1], vec![offset.clone()]),
+            (&[0, 1], vec![wave, offset]),
+        ];
+        for (hypothesis, more) in sets {
+            let expected = closed_form(&problem, noise, &mean, &[base.clone(), more].concat());
+            for seed in 0..5 {
+                let found = evidence(&Model::new(&problem, hypothesis, false), &[], seed, 0).unwrap();
+                assert!(found.error < 0.1, "{hypothesis:?}: {}", found.error);
+                let off = (found.ln - expected).abs();
+                assert!(off < 0.1 && off < 4.0 * found.error, "{hypothesis:?}: {} {expected} {}", found.ln, found.error);
+            }
+        }
+    }
+}

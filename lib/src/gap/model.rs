@@ -25,6 +25,15 @@ pub struct Model<'a> {
     discrepancy: bool,
 }
 
+/// What a curve parameter stands for: a parameter of the prior, or an effect of the measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Meaning<'a> {
+    /// Its position in the prior.
+    Parameter(usize),
+    /// The effect whose size it is.
+    Size(&'a MeasurementEffect),
+}
+
 /// The expensive half of a likelihood: what the simulation gives.
 #[derive(Clone, Debug)]
 pub struct Curve {
@@ -77,6 +86,19 @@ impl<'a> Model<'a> {
     /// Whether nothing varies.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// What each curve parameter stands for.
+    pub fn meanings(&self) -> Vec<Meaning<'a>> {
+        let parameters = self.free.iter().map(|&j| Meaning::Parameter(j));
+        parameters.chain(self.measured.iter().map(|effect| Meaning::Size(effect))).collect()
+    }
+
+    /// Curve parameters to start from: those of another model where they mean the same, 0 elsewhere.
+    pub fn start_from(&self, other: &Self, w: &[f64]) -> Vec<f64> {
+        let theirs = other.meanings();
+        let same = |meaning: &Meaning<'a>| theirs.iter().position(|other| other == meaning);
+        self.meanings().iter().map(|meaning| same(meaning).map_or(0.0, |i| w[i])).collect()
     }
 
     /// The problem that it belongs to.
