@@ -1,2 +1,244 @@
-//! x
-fn main() {}
+//! Weigh the runs by sequential Monte Carlo.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Parser;
+use gl::cli::note;
+use gl::filter::{Noise, Runs, Target, Weighting, weigh};
+use gl::misfit::Misfits;
+use gl::prior::Prior;
+use gl::proposal::{Proposal, ln_balance_heuristic};
+use gl::samples::Samples;
+use gl::statistics::{ess_fraction, mean, sd};
+use gl::summary::{Evidence, Summary};
+use gl::table::TableWriter;
+use gl::weights::Weights;
+
+/// Weigh the runs by sequential Monte Carlo
+///
+/// Several iterations are weighed together when -s and --proposal are repeated, one of each an
+/// iteration: then no run is thrown away.
+#[derive(Parser)]
+#[command(name = "gl-filter", version, after_help = EXAMPLE)]
+struct Args {
+    /// Table of the samples; repeat for several iterations
+    #[arg(short, long, value_name = "FILE", required = true)]
+    samples: Vec<PathBuf>,
+    /// What the samples were drawn from: prior, or the table of gl-gmm-resample --proposal-out; one for
+    /// each -s
+    #[arg(long, value_name = "prior|FILE")]
+    proposal: Vec<PathBuf>,
+    /// Table of parameters; says where the bounds are, which are else taken from the samples
+    #[arg(short, long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Effective sample size to reach, as a share of the runs
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3, conflicts_with = "sigma")]
+    ess: f64,
+    /// Weigh at this sigma; noise is the posterior itself
+    #[arg(long, value_name = "S|noise")]
+    sigma: Option<Sigma>,
+    /// Never go below this sigma
+    #[arg(long, value_name = "S|noise", conflicts_with = "sigma")]
+    sigma_min: Option<Sigma>,
+    /// Sigma below which gl-check-stop is to stop; put into the summary
+    #[arg(long, value_name = "S")]
+    sigma_tol: Option<f64>,
+    /// Where the course of the filter goes: step sigma ess mean(NAME)… cv(NAME)…
+    #[arg(long, value_name = "FILE")]
+    history: Option<PathBuf>,
+    /// Where the summary goes: quantity value
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
+    /// Tables of misfits; stdin when absent
+    #[arg(value_name = "MISFIT", default_value = "-")]
+    misfits: Vec<PathBuf>,
+    /// Where the weights go; stdout when absent
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+const EXAMPLE: &str = "Example:
+  gl-filter -s samples.txt --ess 0.3 --summary summary.txt misfit.txt -o weights.txt";
+
+#[derive(Clone, Copy)]
+struct Sigma(Target);
+
+impl FromStr for Sigma {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        if text == "noise" {
+            return Ok(Self(Target::Noise));
+        }
+        let sigma = gl::table::parse_number(text).context("give a positive number, or noise")?;
+        ensure!(sigma > 0.0, "{text} is not positive");
+        Ok(Self(Target::Sigma(sigma)))
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
+    let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
+    let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
+    let samples = Samples::concatenate(tables)?;
+    let misfits = Misfits::read(&args.misfits)?;
+    ensure!(!misfits.is_empty(), "{}: no runs to weigh", misfits.source);
+
+    let places = places(&samples, &misfits)?;
+    let mut used = vec![false; samples.len()];
+    places.iter().for_each(|&i| used[i] = true);
+    let ln_proposal = ln_balance_heuristic(&samples, &counts, &proposals(args)?, &used)?;
+    let runs = Runs::new(misfits.total(), places.iter().map(|&i| ln_proposal[i]).collect())?;
+    let values: Vec<Vec<f64>> = places.iter().map(|&i| samples.values[i].clone()).collect();
+
+    let noise = noise(&runs, &misfits, &values);
+    let target = args.sigma.map_or(Target::Ess(args.ess), |sigma| sigma.0);
+    let weighting = weigh(&runs, target, args.sigma_min.map(|sigma| sigma.0), noise)?;
+    let errors = misfits.mean_error();
+    let evidence = Evidence {
+        runs: &runs,
+        weighting: &weighting,
+        noise,
+        samples: &misfits.samples,
+        errors: &errors,
+        parameters: &samples.parameters,
+        values: &values,
+        bounds: &bounds(args, &samples)?,
+        failed: samples.len() - misfits.len(),
+    };
+    let mut summary = evidence.summary()?;
+    if let Some(Sigma(Target::Sigma(sigma))) = args.sigma_min {
+        summary.number("sigma_min", sigma);
+    }
+    if let Some(sigma) = args.sigma_tol {
+        summary.number("sigma_tol", sigma);
+    }
+    warn(&summary)?;
+
+    if let Some(path) = &args.history {
+        write_history(path, &misfits, &runs, &weighting, noise, &samples.parameters, &values)?;
+    }
+    if let Some(path) = &args.summary {
+        summary.write(Some(path))?;
+    }
+    Weights {
+        source: "weights".to_owned(),
+        samples: misfits.samples.clone(),
+        parameters: samples.parameters.clone(),
+        values,
+        misfit: Some(runs.misfit.clone()),
+        error: Some(errors),
+        weight: weighting.weights()?,
+    }
+    .write(args.output.as_deref())
+}
+
+/// Where the sample of each run stands.
+fn places(samples: &Samples, misfits: &Misfits) -> Result<Vec<usize>> {
+    let index = samples.index();
+    let place = |name: &String| {
+        index
+            .get(name.as_str())
+            .copied()
+            .with_context(|| format!("{}: sample {name} is not in {}", misfits.source, samples.source))
+    };
+    misfits.samples.iter().map(place).collect()
+}
+
+fn proposals(args: &Args) -> Result<Vec<Option<Proposal>>> {
+    if args.proposal.is_empty() && args.samples.len() == 1 {
+        return Ok(vec![None]);
+    }
+    if args.proposal.len() != args.samples.len() {
+        bail!(
+            "{} tables of samples but {} proposals; give one --proposal for each -s, prior for the first",
+            args.samples.len(),
+            args.proposal.len()
+        );
+    }
+    let read =
+        |path: &PathBuf| if path == Path::new("prior") { Ok(None) } else { Proposal::read(path).map(Some) };
+    args.proposal.iter().map(read).collect()
+}
+
+/// The noise, estimated where none was given from the residuals of the best run.
+fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> Noise {
+    let best = (0..runs.misfit.len()).min_by(|&a, &b| runs.misfit[a].total_cmp(&runs.misfit[b])).unwrap_or(0);
+    let varied = (0..values[0].len()).filter(|&j| values.iter().any(|row| row[j] != values[0][j])).count();
+    Noise::new(misfits.readings[best], varied)
+}
+
+/// Bounds of each parameter: those of its prior, or a little more than the range of its samples.
+fn bounds(args: &Args, samples: &Samples) -> Result<Vec<(f64, f64)>> {
+    let prior = args.params.as_deref().map(Prior::read).transpose()?;
+    let room = 1.0 / samples.len() as f64;
+    let of = |(j, name): (usize, &String)| {
+        if let Some(p) = prior.iter().flat_map(Prior::parameters).find(|p| p.name == *name) {
+            return (p.off.unwrap_or(p.lower).min(p.lower), p.off.unwrap_or(p.upper).max(p.upper));
+        }
+        let low = samples.values.iter().map(|row| row[j]).fold(f64::INFINITY, f64::min);
+        let high = samples.values.iter().map(|row| row[j]).fold(f64::NEG_INFINITY, f64::max);
+        (low - room * (high - low), high + room * (high - low))
+    };
+    Ok(samples.parameters.iter().enumerate().map(of).collect())
+}
+
+/// Say what a user should know before trusting the numbers.
+fn warn(summary: &Summary) -> Result<()> {
+    let ess_runs = summary.find_number("ess_runs")?.unwrap_or(f64::INFINITY);
+    if ess_runs < 5.0 {
+        note(
+            "gl-filter",
+            format_args!(
+                "the weight rests on {ess_runs:.1} runs; take the means as rough, the intervals are widened"
+            ),
+        );
+    }
+    for name in summary.names_of("lean") {
+        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
+        if lean != 0.0 {
+            let side = if lean < 0.0 { "lower" } else { "upper" };
+            note("gl-filter", format_args!("{name} leans on its {side} bound; the truth may lie outside"));
+        }
+    }
+    Ok(())
+}
+
+/// The weights as they come about: σ as at the end, with more and more of the steps.
+fn write_history(
+    path: &Path,
+    misfits: &Misfits,
+    runs: &Runs,
+    last: &Weighting,
+    noise: Noise,
+    parameters: &[String],
+    values: &[Vec<f64>],
+) -> Result<()> {
+    let mut columns = vec!["step".to_owned(), "sigma".to_owned(), "ess".to_owned()];
+    columns.extend(parameters.iter().map(|name| format!("mean({name})")));
+    columns.extend(parameters.iter().map(|name| format!("cv({name})")));
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    for (place, &step) in misfits.steps.iter().enumerate() {
+        let runs = Runs::new(misfits.total_up_to(place), runs.ln_proposal.clone())?;
+        let weighting = if last.is_noise {
+            noise.share((place + 1) as f64 / misfits.steps.len() as f64).posterior(&runs)?
+        } else {
+            runs.at_sigma(last.sigma)?
+        };
+        let weights = weighting.weights()?;
+        let column = |j: usize| values.iter().map(|row| row[j]).collect::<Vec<f64>>();
+        let means: Vec<f64> = (0..parameters.len()).map(|j| mean(&column(j), &weights)).collect();
+        let cvs: Vec<f64> = (0..parameters.len()).map(|j| sd(&column(j), &weights) / means[j]).collect();
+        table.number(step as f64).number(last.sigma).number(ess_fraction(&weighting.ln_weight)?);
+        table.numbers(&means);
+        table.numbers(&cvs.iter().map(|cv| if cv.is_finite() { *cv } else { 0.0 }).collect::<Vec<_>>());
+        table.end_row()?;
+    }
+    table.finish()
+}
+
+fn main() -> ExitCode {
+    gl::cli::finish("gl-filter", run(&Args::parse()))
+}

@@ -1,2 +1,120 @@
-//! x
-fn main() {}
+//! Draw the next samples where the weight lies.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, ensure};
+use clap::{Parser, ValueEnum};
+use gl::cli::note;
+use gl::mixture::CovarianceType;
+use gl::prior::Prior;
+use gl::resample::{Resampling, Sampling, resample};
+use gl::samples::{Samples, sample_names};
+use gl::weights::Weights;
+
+/// Draw the next samples where the weight lies
+///
+/// Fits a variational Bayesian Gaussian mixture to the weighted samples and draws from it, inside the
+/// prior's support.
+#[derive(Parser)]
+#[command(name = "gl-gmm-resample", version, after_help = EXAMPLE)]
+struct Args {
+    /// Table of parameters
+    #[arg(short, long, value_name = "FILE")]
+    params: PathBuf,
+    /// Number of samples
+    #[arg(short, long, value_name = "N")]
+    num: usize,
+    /// Components of the mixture at the most; 1 for every 10 samples, up to 10, when absent
+    #[arg(long, value_name = "K")]
+    components: Option<usize>,
+    /// Shape of the components
+    #[arg(long, value_enum, default_value = "full")]
+    covariance: Shape,
+    /// Concentration of the components' weights; small means few components; 1/K when absent
+    #[arg(long, value_name = "C")]
+    concentration: Option<f64>,
+    /// Draw evenly where the density is high (slice), or by the density (mixture)
+    #[arg(long, value_enum, default_value = "slice")]
+    sampling: SamplingName,
+    /// How far below the mean score a slice reaches, in standard deviations of the scores
+    #[arg(long, value_name = "D", default_value_t = 2.0)]
+    deviation: f64,
+    /// Seed; the same seed gives the same samples on every machine
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// First part of each sample's name, <NAME>_Iter<i>_Sample<j>
+    #[arg(long, default_value = "run")]
+    name: String,
+    /// Iteration number in the samples' names
+    #[arg(long, value_name = "I", default_value_t = 1)]
+    iteration: usize,
+    /// Threads a run, written as !OMP_NUM_THREADS for yade-batch
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+    /// Where the density that they were drawn from goes, for gl-filter --proposal
+    #[arg(long, value_name = "FILE")]
+    proposal_out: Option<PathBuf>,
+    /// Table of weights; stdin when absent
+    #[arg(value_name = "WEIGHTS", default_value = "-")]
+    weights: PathBuf,
+    /// Where the samples go; stdout when absent
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+const EXAMPLE: &str = "Example:
+  gl-gmm-resample -p params.txt -n 20 --iteration 1 weights.txt -o samples.txt";
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Shape {
+    Full,
+    Tied,
+    #[value(alias = "diagonal")]
+    Diag,
+    Spherical,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum SamplingName {
+    Slice,
+    Mixture,
+}
+
+fn run(args: &Args) -> Result<()> {
+    ensure!(args.num > 0, "draw at least one sample");
+    ensure!(args.components != Some(0), "--components: a mixture has at least one");
+    ensure!(args.concentration.is_none_or(|c| c > 0.0), "--concentration must be positive");
+    let prior = Prior::read(&args.params)?;
+    let weights = Weights::read(&args.weights)?;
+    let how = Resampling {
+        count: args.num,
+        components: args.components.unwrap_or_else(|| (weights.len() / 10).clamp(1, 10)),
+        covariance: match args.covariance {
+            Shape::Full => CovarianceType::Full,
+            Shape::Tied => CovarianceType::Tied,
+            Shape::Diag => CovarianceType::Diagonal,
+            Shape::Spherical => CovarianceType::Spherical,
+        },
+        concentration: args.concentration,
+        sampling: match args.sampling {
+            SamplingName::Mixture => Sampling::Mixture,
+            SamplingName::Slice => Sampling::Slice { deviation: args.deviation },
+        },
+        seed: args.seed,
+    };
+    let names = sample_names(&args.name, args.iteration, args.num)?;
+    let resampled = resample(&weights, &prior, &how)?;
+    if resampled.was_widened {
+        note("gl-gmm-resample", "the weight rests on very few samples; their neighbours were taken in");
+    }
+    if let Some(path) = &args.proposal_out {
+        resampled.proposal.write(path)?;
+    }
+    Samples { source: "samples".to_owned(), names, parameters: prior.names(), values: resampled.values }
+        .write(args.output.as_deref(), args.threads)
+}
+
+fn main() -> ExitCode {
+    gl::cli::finish("gl-gmm-resample", run(&Args::parse()))
+}

@@ -1,0 +1,101 @@
+//! Whether a calibration is done, and what to think of it.
+
+use anyhow::{Result, bail};
+
+use crate::summary::Summary;
+
+/// Tolerances that end a calibration; any one that is met does.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tolerances {
+    /// Of σ.
+    pub sigma: Option<f64>,
+    /// Of the mean error of the weighted runs.
+    pub ensemble_error: Option<f64>,
+    /// Of the error of the best run.
+    pub error: Option<f64>,
+    /// Number of iterations.
+    pub iterations: Option<usize>,
+}
+
+/// One reason to stop, and whether it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Criterion {
+    /// What it looks at.
+    pub name: &'static str,
+    /// The value there.
+    pub value: f64,
+    /// What it is to come down to, or up to for the number of iterations.
+    pub tolerance: f64,
+    /// Whether it has.
+    pub is_met: bool,
+}
+
+/// Check a summary against the tolerances. σ having come down to the noise is a reason of its own.
+///
+/// * `iteration` — number of the present iteration, from 0.
+///
+/// # Errors
+/// If the summary lacks a quantity that a tolerance is for.
+pub fn criteria(
+    summary: &Summary,
+    tolerances: &Tolerances,
+    iteration: Option<usize>,
+) -> Result<Vec<Criterion>> {
+    let quantity = |name: &str| -> Result<f64> {
+        match summary.find_number(name)? {
+            Some(value) => Ok(value),
+            None => bail!("the summary has no quantity {name}"),
+        }
+    };
+    let mut criteria = Vec::new();
+    let mut below = |name: &'static str, tolerance: Option<f64>| -> Result<()> {
+        if let Some(tolerance) = tolerance {
+            let value = quantity(name)?;
+            criteria.push(Criterion { name, value, tolerance, is_met: value <= tolerance });
+        }
+        Ok(())
+    };
+    below("sigma", tolerances.sigma.or(summary.find_number("sigma_tol")?))?;
+    below("ensemble_error", tolerances.ensemble_error)?;
+    below("best_error", tolerances.error)?;
+    let floor = summary.find_number("sigma_min")?.or(summary.find_number("sigma_noise")?);
+    if let Some(tolerance) = floor {
+        let value = quantity("sigma")?;
+        // Tempering that went below the noise, for want of a floor, has not come to rest on it.
+        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance;
+        criteria.push(Criterion { name: "sigma_noise", value, tolerance, is_met });
+    }
+    if let Some(most) = tolerances.iterations {
+        let Some(iteration) = iteration else {
+            bail!("--max-iterations needs --iteration, the number of this one")
+        };
+        let (value, tolerance) = ((iteration + 1) as f64, most as f64);
+        criteria.push(Criterion { name: "iterations", value, tolerance, is_met: value >= tolerance });
+    }
+    Ok(criteria)
+}
+
+/// The best run misses by more than this share of the observables' range: the fit is bad.
+const BAD_ERROR: f64 = 0.1;
+
+/// What speaks against trusting a calibration, one sentence each.
+///
+/// # Errors
+/// If a quantity in the summary is no number.
+pub fn doubts(summary: &Summary) -> Result<Vec<String>> {
+    let mut doubts = Vec::new();
+    if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
+        doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
+    }
+    if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
+        doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));
+    }
+    for name in summary.names_of("lean") {
+        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
+        if lean != 0.0 {
+            let side = if lean < 0.0 { "lower" } else { "upper" };
+            doubts.push(format!("{name} leans on its {side} bound: the truth may lie outside"));
+        }
+    }
+    Ok(doubts)
+}
