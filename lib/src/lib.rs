@@ -7,6 +7,7 @@
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
 //! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
 //! | weights and what they say | [`statistics`] |
+//! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
 
@@ -32,5 +33,6 @@ pub mod stop;
 pub mod summary;
 pub mod table;
 pub mod weights;
+pub mod world;
 
 pub use anyhow::Result;
