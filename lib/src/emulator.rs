@@ -14,6 +14,9 @@ pub mod gp;
 mod inputs;
 mod kernel;
 mod minimise;
+pub mod table;
+#[cfg(test)]
+mod tests;
 mod train;
 
 use anyhow::{Context, Result, ensure};
@@ -65,6 +68,10 @@ pub struct Emulator {
     inputs: Inputs,
     components: Components,
     processes: Vec<Gp>,
+    /// Correlation of the scores' errors, shape (components, components).
+    correlation: DMatrix<f64>,
+    /// Variance of the scatter, shape (outputs,).
+    scatter: DVector<f64>,
     curves: DMatrix<f64>,
 }
 
@@ -163,7 +170,8 @@ impl Emulator {
                 train(&rows, &points, components.scores.column(c).as_slice(), search, &mut generator)
             })
             .collect::<Result<Vec<_>>>()?;
-        Ok(Self {
+        let correlation = error_correlation(&processes, &components.scores);
+        let mut emulator = Self {
             prior: prior.clone(),
             observables: ensemble.observables.clone(),
             steps,
@@ -172,8 +180,12 @@ impl Emulator {
             inputs,
             components,
             processes,
+            correlation,
+            scatter: DVector::zeros(m * steps),
             curves,
-        })
+        };
+        emulator.scatter = emulator.spread(&emulator.nugget());
+        Ok(emulator)
     }
 
     /// Names of the runs that it was trained on, in their own order.
@@ -184,6 +196,11 @@ impl Emulator {
     /// Number of samples that had no run.
     pub fn missing(&self) -> usize {
         self.missing
+    }
+
+    /// Variance of the simulation's own scatter, shape (outputs,).
+    pub fn scatter(&self) -> &DVector<f64> {
+        &self.scatter
     }
 
     /// Number of steps.
@@ -259,19 +276,32 @@ impl Emulator {
     /// The curves at coordinates, shape (parameters,).
     pub fn predict(&self, coordinates: &[f64]) -> Prediction {
         let (mean, variance) = self.predict_scores(coordinates);
-        self.curves(&mean, &variance)
+        self.curves(&mean, &variance, &self.scatter)
+    }
+
+    /// Covariance of the scores' errors from their variances, shape (components, components).
+    ///
+    /// One packing that is stiffer than another moves many scores at once: the scatter of the scores
+    /// is correlated, and so is what the emulator learns from it. The correlation is that of the
+    /// leave-one-out errors.
+    pub fn score_covariance(&self, variance: &[f64]) -> DMatrix<f64> {
+        let sd = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        self.correlation.component_mul(&(&sd * sd.transpose()))
     }
 
     /// The variance of outputs from that of scores, shape (outputs,).
-    fn spread(&self, scores: &[f64]) -> DVector<f64> {
-        self.components.basis.component_mul(&self.components.basis) * DVector::from_column_slice(scores)
+    fn spread(&self, variance: &[f64]) -> DVector<f64> {
+        let basis = &self.components.basis;
+        let weighted = basis * self.score_covariance(variance);
+        let products = weighted.component_mul(basis);
+        DVector::from_iterator(products.nrows(), products.row_iter().map(|row| row.sum().max(0.0)))
     }
 
-    fn curves(&self, mean: &[f64], variance: &[f64]) -> Prediction {
+    fn curves(&self, mean: &[f64], variance: &[f64], scatter: &DVector<f64>) -> Prediction {
         Prediction {
             mean: &self.components.centre + &self.components.basis * DVector::from_column_slice(mean),
             variance: self.spread(variance) + &self.components.leftover,
-            scatter: self.spread(&self.nugget()),
+            scatter: scatter.clone(),
         }
     }
 
@@ -287,7 +317,7 @@ impl Emulator {
                     .zip(&nugget)
                     .map(|(scores, nugget)| (scores.variance[i] - nugget).max(0.0))
                     .collect();
-                self.curves(&mean, &variance)
+                self.curves(&mean, &variance, &self.scatter)
             })
             .collect()
     }
@@ -326,6 +356,22 @@ impl Emulator {
 
 fn coordinates_of(prior: &Prior, parameters: &[f64]) -> Vec<f64> {
     prior.parameters().iter().zip(parameters).map(|(parameter, &value)| parameter.coordinate(value)).collect()
+}
+
+/// Correlation of the standardised leave-one-out errors of the scores, drawn towards none by as many
+/// made-up runs as there are components.
+fn error_correlation(processes: &[Gp], scores: &DMatrix<f64>) -> DMatrix<f64> {
+    let (n, k) = scores.shape();
+    let mut errors = DMatrix::from_fn(n, k, |i, c| {
+        let left_out = processes[c].leave_one_out();
+        (scores[(i, c)] - left_out.mean[i]) / left_out.variance[i].sqrt()
+    });
+    for mut column in errors.column_iter_mut() {
+        let size = column.norm();
+        column /= if size > 0.0 { size } else { 1.0 };
+    }
+    let share = n as f64 / (n + k) as f64;
+    DMatrix::from_fn(k, k, |c, d| if c == d { 1.0 } else { share * errors.column(c).dot(&errors.column(d)) })
 }
 
 /// Largest minus smallest value of an observable over all runs and steps.
