@@ -12,7 +12,7 @@ pub struct Smooth {
     pub variances: Vec<f64>,
 }
 
-/// Correlation lengths as shares of the way travelled: a discrepancy may be of any of them.
+/// Correlation lengths as shares of the control: a discrepancy may be of any of them.
 const LENGTHS: [f64; 3] = [0.1, 0.3, 1.0];
 
 /// Share of a discrepancy that the patterns kept must carry.
@@ -20,11 +20,11 @@ const KEPT: f64 = 0.995;
 
 impl Smooth {
     /// Patterns of a Gaussian process with an even mixture of squared-exponential correlations of
-    /// lengths 0.1, 0.3 and 1, at points in [0, 1] of the way travelled, shape (steps,).
-    pub fn new(travelled: &[f64]) -> Self {
-        let steps = travelled.len();
+    /// lengths 0.1, 0.3 and 1, at places in [0, 1] along the control, shape (steps,).
+    pub fn new(places: &[f64]) -> Self {
+        let steps = places.len();
         let kernel = DMatrix::from_fn(steps, steps, |s, t| {
-            let apart = travelled[s] - travelled[t];
+            let apart = places[s] - places[t];
             let correlation = |length: &f64| (-0.5 * (apart / length).powi(2)).exp();
             LENGTHS.iter().map(correlation).sum::<f64>() / LENGTHS.len() as f64
         });

@@ -57,6 +57,13 @@ impl Path {
         &self.travelled
     }
 
+    /// Where each step stands, from 0 to 1: midway between its share of the way and its share of the
+    /// steps, which are set closer together where more happens, shape (steps,).
+    pub fn places(&self) -> Vec<f64> {
+        let last = (self.travelled.len().max(2) - 1) as f64;
+        self.travelled.iter().enumerate().map(|(t, way)| 0.5 * (way + t as f64 / last)).collect()
+    }
+
     /// A curve as it was a way `lag` (a share of the control's range) earlier, across turning points.
     pub fn delayed(&self, curve: &[f64], lag: f64) -> Vec<f64> {
         let whole: f64 = self.control.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();

@@ -20,6 +20,12 @@ pub trait Predictor: Sync {
     /// (components,).
     fn scatter(&self) -> Vec<f64>;
 
+    /// Correlation of what is not known about the components, and of their scatter, shape
+    /// (components, components).
+    fn correlation(&self) -> DMatrix<f64> {
+        DMatrix::identity(self.basis().ncols(), self.basis().ncols())
+    }
+
     /// Components at a point in coordinates, with the variance that comes from not knowing the
     /// simulation there, without its scatter.
     fn predict(&self, point: &[f64]) -> Prediction;
@@ -72,6 +78,10 @@ impl Predictor for crate::emulator::Emulator {
 
     fn scatter(&self) -> Vec<f64> {
         self.nugget()
+    }
+
+    fn correlation(&self) -> DMatrix<f64> {
+        self.score_covariance(&vec![1.0; self.basis().ncols()])
     }
 
     fn predict(&self, point: &[f64]) -> Prediction {

@@ -1,7 +1,7 @@
 //! The question that every hypothesis answers: a measurement, and a simulation to explain it by.
 
-use anyhow::{Result, ensure};
-use nalgebra::DMatrix;
+use anyhow::{Context, Result, ensure};
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::gap::discrepancy::Smooth;
 use crate::gap::gaussian::Covariance;
@@ -34,6 +34,10 @@ pub struct Problem<'a> {
     pub scatter: f64,
     /// Smooth patterns of a discrepancy of one observable.
     pub smooth: Smooth,
+    /// Variance of each component by the simulation's scatter.
+    component_scatter: Vec<f64>,
+    /// Lower factor of the correlation of the components' errors.
+    correlation: DMatrix<f64>,
     /// All patterns of the covariance: the predictor's, and the smooth ones of each observable.
     patterns: DMatrix<f64>,
     /// The covariance without the variances of the patterns, where the noise is known.
@@ -85,8 +89,12 @@ impl<'a> Problem<'a> {
             observations.source
         );
         let path = Path::new(&observations.control);
-        let smooth = Smooth::new(path.travelled());
-        let components = predictor.scatter().len();
+        let smooth = Smooth::new(&path.places());
+        let component_scatter = predictor.scatter();
+        let components = component_scatter.len();
+        let correlation = Cholesky::new(predictor.correlation())
+            .context("the correlation of the components' errors is not positive definite")?
+            .unpack();
         let mut patterns = DMatrix::zeros(observables * steps, components + observables * smooth.len());
         patterns.columns_mut(0, components).copy_from(predictor.basis());
         for j in 0..observables {
@@ -94,22 +102,15 @@ impl<'a> Problem<'a> {
                 .view_mut((j * steps, components + j * smooth.len()), (steps, smooth.len()))
                 .copy_from(&smooth.patterns);
         }
+        let roots = DVector::from_iterator(components, component_scatter.iter().map(|tau| tau.sqrt()));
+        let scattered = predictor.basis() * DMatrix::from_diagonal(&roots) * &correlation;
         let scatter_variance = (0..observables)
-            .map(|j| {
-                let rows = predictor.basis().rows(j * steps, steps);
-                let sum: f64 = predictor
-                    .scatter()
-                    .iter()
-                    .enumerate()
-                    .map(|(i, tau)| tau * rows.column(i).norm_squared())
-                    .sum();
-                scatter * sum / steps as f64
-            })
+            .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
             .collect();
         let covariance = noise.as_ref().map(|noise| {
             let diagonal: Vec<f64> =
                 noise.iter().zip(predictor.left_over()).map(|(sd, rest)| sd * sd + rest).collect();
-            Covariance::new(&diagonal, &patterns)
+            Covariance::new(&diagonal, &patterns, &correlation)
         });
         Ok(Self {
             predictor,
@@ -122,6 +123,8 @@ impl<'a> Problem<'a> {
             noise,
             scatter,
             smooth,
+            component_scatter,
+            correlation,
             patterns,
             covariance,
             scatter_variance,
@@ -157,13 +160,13 @@ impl<'a> Problem<'a> {
                     .enumerate()
                     .map(|(i, rest)| rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
                     .collect();
-                estimated = Covariance::new(&diagonal, &self.patterns);
+                estimated = Covariance::new(&diagonal, &self.patterns, &self.correlation);
                 &estimated
             }
         };
         let mut variances: Vec<f64> = component_variance
             .iter()
-            .zip(self.predictor.scatter())
+            .zip(&self.component_scatter)
             .map(|(variance, scatter)| variance.max(0.0) + self.scatter * scatter)
             .collect();
         for j in 0..self.ranges.len() {
