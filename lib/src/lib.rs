@@ -18,6 +18,7 @@ pub mod density;
 pub mod design;
 pub mod emulator;
 pub mod ensemble;
+pub mod gap;
 pub mod filter;
 pub mod gap;
 pub mod misfit;
