@@ -163,13 +163,23 @@ fn three_iterations_by_slices_are_the_posterior() {
 
 #[test]
 fn six_iterations_by_mixtures_are_the_posterior() {
-    assert_calibrated(Setting { iterations: 6, samples: 60, sampling: Sampling::Mixture, is_noise_known: true });
+    assert_calibrated(Setting {
+        iterations: 6,
+        samples: 60,
+        sampling: Sampling::Mixture,
+        is_noise_known: true,
+    });
 }
 
 #[test]
 fn noise_that_is_estimated_gives_the_posterior_too() {
     assert_calibrated(Setting { iterations: 4, samples: 100, sampling: SLICE, is_noise_known: false });
-    assert_calibrated(Setting { iterations: 4, samples: 100, sampling: Sampling::Mixture, is_noise_known: false });
+    assert_calibrated(Setting {
+        iterations: 4,
+        samples: 100,
+        sampling: Sampling::Mixture,
+        is_noise_known: false,
+    });
 }
 
 #[test]

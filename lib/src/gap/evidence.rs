@@ -76,7 +76,8 @@ pub fn evidence(model: &Model<'_>, starts: &[Vec<f64>], seed: u64, stream: u64) 
             curves.push(curve);
         }
         let rounds = (round + 1) as f64;
-        ln_weights = ln_target.iter().zip(&ln_proposed).map(|(target, q)| target - (q - rounds.ln())).collect();
+        ln_weights =
+            ln_target.iter().zip(&ln_proposed).map(|(target, q)| target - (q - rounds.ln())).collect();
         let count = ln_weights.len() as f64;
         ln = ln_sum_exp(&ln_weights) - count.ln();
         ensure!(ln.is_finite(), "no parameters at which the measurement has a chance");
@@ -128,8 +129,7 @@ impl Part {
         let mut away = w - &self.centre;
         self.factor.solve_lower_triangular_mut(&mut away);
         let freedom = FREEDOM as f64;
-        self.ln_norm
-            - 0.5 * (freedom + w.len() as f64) * (away.norm_squared() / freedom).ln_1p()
+        self.ln_norm - 0.5 * (freedom + w.len() as f64) * (away.norm_squared() / freedom).ln_1p()
     }
 }
 
@@ -146,9 +146,7 @@ impl Mixture {
         let parts = modes
             .iter()
             .zip(&weights)
-            .filter_map(|(mode, weight)| {
-                Part::new(weight / sum, mode.w.clone(), &mode.covariance * 1.3)
-            })
+            .filter_map(|(mode, weight)| Part::new(weight / sum, mode.w.clone(), &mode.covariance * 1.3))
             .collect();
         Self { parts }
     }
@@ -204,7 +202,8 @@ impl Mixture {
             .collect();
         let mut parts = Vec::new();
         for (k, old) in self.parts.iter().enumerate() {
-            let owned: Vec<f64> = weights.iter().zip(&shares).map(|(weight, share)| weight * share[k]).collect();
+            let owned: Vec<f64> =
+                weights.iter().zip(&shares).map(|(weight, share)| weight * share[k]).collect();
             let weight: f64 = owned.iter().sum();
             if weight < 1e-3 {
                 continue;
@@ -285,10 +284,7 @@ mod tests {
         values.iter_mut().for_each(|y| *y += noise * standard_normal(&mut random));
         let observations = Straight::observations(values);
         let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
-        let candidates = vec![
-            Candidate::Simulated(prior.effects().remove(0)),
-            Candidate::Measured(offset),
-        ];
+        let candidates = vec![Candidate::Simulated(prior.effects().remove(0)), Candidate::Measured(offset)];
         let problem =
             Problem::new(&predictor, &prior, candidates, &observations, Some(vec![vec![noise; STEPS]]), 1.0)
                 .unwrap();
@@ -308,7 +304,12 @@ mod tests {
                 let found = evidence(&Model::new(&problem, hypothesis, false), &[], seed, 0).unwrap();
                 assert!(found.error < 0.1, "{hypothesis:?}: {}", found.error);
                 let off = (found.ln - expected).abs();
-                assert!(off < 0.1 && off < 4.0 * found.error, "{hypothesis:?}: {} {expected} {}", found.ln, found.error);
+                assert!(
+                    off < 0.1 && off < 4.0 * found.error,
+                    "{hypothesis:?}: {} {expected} {}",
+                    found.ln,
+                    found.error
+                );
             }
         }
     }

@@ -46,7 +46,9 @@ pub fn find(model: &Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> 
     modes.sort_by(|a, b| b.ln_posterior.total_cmp(&a.ln_posterior));
     let mut distinct: Vec<Mode> = Vec::new();
     for mode in modes {
-        if distinct.iter().all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
+        if distinct
+            .iter()
+            .all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
         {
             distinct.push(mode);
         }

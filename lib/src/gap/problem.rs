@@ -76,11 +76,7 @@ impl<'a> Problem<'a> {
         ensure!(scatter >= 0.0, "--scatter {scatter}: give a share of at least 0");
         let ranges = observations.ranges();
         for (name, &range) in observations.names.iter().zip(&ranges) {
-            ensure!(
-                range > 0.0,
-                "{}: {name} is the same at every step; leave it out",
-                observations.source
-            );
+            ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
         }
         let noise: Option<Vec<f64>> = noise.map(|noise| noise.concat());
         ensure!(

@@ -33,7 +33,9 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
     let mut finest: Vec<Vec<f64>> = measurements[0].values.clone();
     finest.iter_mut().flatten().for_each(|sd| *sd = f64::INFINITY);
     for measurement in &measurements {
-        for (finest, noise) in finest.iter_mut().zip(measurement.noise(&ByName::default())?.into_iter().flatten()) {
+        for (finest, noise) in
+            finest.iter_mut().zip(measurement.noise(&ByName::default())?.into_iter().flatten())
+        {
             finest.iter_mut().zip(noise).for_each(|(finest, sd)| *finest = finest.min(sd));
         }
     }
