@@ -38,7 +38,7 @@ struct Args {
     #[arg(long, value_enum, default_value = "slice")]
     sampling: SamplingName,
     /// How far below the mean score a slice reaches, in standard deviations of the scores
-    #[arg(long, value_name = "D", default_value_t = 2.0)]
+    #[arg(long, value_name = "D", default_value_t = 3.0)]
     deviation: f64,
     /// Seed; the same seed gives the same samples on every machine
     #[arg(long, default_value_t = 0)]
