@@ -7,6 +7,7 @@
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
 //! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
 //! | weights and what they say | [`statistics`] |
+//! | runs predicted without running them | [`emulator`] |
 //! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
