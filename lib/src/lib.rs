@@ -8,6 +8,12 @@
 //! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
 //! | weights and what they say | [`statistics`] |
 //! | runs predicted without running them | [`emulator`] |
+//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`] |
+//! | how far each run is from the measurement | [`misfit`] |
+//! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
+//! | the next samples | [`mixture`], [`proposal`], [`resample`] |
+//! | runs that were never made | [`emulator`] |
+//! | what the best calibration still misses, and why | [`gap`] |
 //! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
@@ -15,6 +21,7 @@
 pub mod alignment;
 pub mod cli;
 pub mod collect;
+pub mod density;
 pub mod design;
 pub mod emulator;
 pub mod ensemble;
