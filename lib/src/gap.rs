@@ -6,6 +6,7 @@ pub mod attribution;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
+mod hat;
 pub mod hypothesis;
 pub mod locate;
 pub mod measurement;
@@ -17,6 +18,8 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
+mod scatter;
+pub mod shrink;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
