@@ -32,7 +32,9 @@ fn covariances(mixture: &Mixture, kind: CovarianceType) -> Vec<f64> {
     match kind {
         CovarianceType::Full => all.iter().flat_map(|c| c.iter().copied()).collect(),
         CovarianceType::Tied => all[0].iter().copied().collect(),
-        CovarianceType::Diagonal => all.iter().flat_map(|c| c.diagonal().iter().copied().collect::<Vec<_>>()).collect(),
+        CovarianceType::Diagonal => {
+            all.iter().flat_map(|c| c.diagonal().iter().copied().collect::<Vec<_>>()).collect()
+        }
         CovarianceType::Spherical => all.iter().map(|c| c[(0, 0)]).collect(),
     }
 }
@@ -66,8 +68,18 @@ fn agrees(file: &str) {
         let means: Vec<f64> = mixture.means.concat();
         assert_close(&mixture.weights, &numbers(&fit["weights"]), 1e-9, &format!("{what}: weights"));
         assert_close(&means, &numbers(&fit["means"]), 1e-9, &format!("{what}: means"));
-        assert_close(&covariances(&mixture, kind), &numbers(&fit["covariances"]), 1e-9, &format!("{what}: covariances"));
-        assert_close(&[mixture.lower_bound], &numbers(&fit["lower_bound"]), 1e-9, &format!("{what}: lower bound"));
+        assert_close(
+            &covariances(&mixture, kind),
+            &numbers(&fit["covariances"]),
+            1e-9,
+            &format!("{what}: covariances"),
+        );
+        assert_close(
+            &[mixture.lower_bound],
+            &numbers(&fit["lower_bound"]),
+            1e-9,
+            &format!("{what}: lower bound"),
+        );
     }
 }
 

@@ -44,7 +44,8 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let prior = prior();
     let truth: Vec<f64> = prior.parameters().iter().map(|p| p.quantile(rng.random())).collect();
-    let measured = line(truth[0], truth[1]).into_iter().map(|y| y + NOISE * normal_quantile(rng.random())).collect();
+    let measured =
+        line(truth[0], truth[1]).into_iter().map(|y| y + NOISE * normal_quantile(rng.random())).collect();
     let observations = Observations {
         source: "obs".into(),
         control_name: "x".into(),
@@ -70,7 +71,8 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
         proposals.push(next.take());
         samples.names.extend((0..values.len()).map(|i| format!("{iteration}_{i}")));
         samples.values.append(&mut values);
-        let misfits: Vec<_> = samples.values.iter().map(|p| comparison.run(&line(p[0], p[1]), None)).collect();
+        let misfits: Vec<_> =
+            samples.values.iter().map(|p| comparison.run(&line(p[0], p[1]), None)).collect();
         let used = vec![true; samples.len()];
         let ln_q = ln_balance_heuristic(&samples, &counts, &proposals, &used).unwrap();
         let totals: Vec<f64> = misfits.iter().map(|m| m.misfit.iter().sum()).collect();
@@ -88,7 +90,8 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
                 .enumerate()
                 .map(|(j, p)| {
                     let column: Vec<f64> = samples.values.iter().map(|v| v[j]).collect();
-                    let below = column.iter().zip(&weights).filter(|(x, _)| **x < truth[j]).map(|(_, w)| w).sum();
+                    let below =
+                        column.iter().zip(&weights).filter(|(x, _)| **x < truth[j]).map(|(_, w)| w).sum();
                     let marginal = marginals.of(&column, (p.lower, p.upper));
                     (below, (marginal.q05..=marginal.q95).contains(&truth[j]))
                 })
@@ -121,7 +124,8 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
 /// Share of the 90 % intervals that hold the truth, and χ² of the ranks in ten equal bins (9 degrees of
 /// freedom) for the worse of the two parameters.
 fn calibration(setting: Setting, replicates: u64) -> (f64, f64) {
-    let outcomes: Vec<Vec<(f64, bool)>> = (0..replicates).into_par_iter().map(|seed| replicate(setting, 1000 * seed)).collect();
+    let outcomes: Vec<Vec<(f64, bool)>> =
+        (0..replicates).into_par_iter().map(|seed| replicate(setting, 1000 * seed)).collect();
     let held = outcomes.iter().flatten().filter(|(_, held)| *held).count() as f64;
     let chi_squared = |j: usize| {
         let mut bins = [0.0; 10];
@@ -136,9 +140,13 @@ fn calibration(setting: Setting, replicates: u64) -> (f64, f64) {
 fn explore() {
     for sampling in [Sampling::Slice { deviation: 2.0 }, Sampling::Mixture] {
         for is_noise_known in [true, false] {
-            for (iterations, samples) in [(1, 100), (3, 100), (6, 50), (3, 20), (5, 20), (1, 5), (3, 5), (4, 10)] {
+            for (iterations, samples) in
+                [(1, 100), (3, 100), (6, 50), (3, 20), (5, 20), (1, 5), (3, 5), (4, 10)]
+            {
                 let (held, chi) = calibration(Setting { iterations, samples, sampling, is_noise_known }, 200);
-                println!("{sampling:?} known {is_noise_known} it {iterations} n {samples}: held {held:.3} chi2 {chi:.1}");
+                println!(
+                    "{sampling:?} known {is_noise_known} it {iterations} n {samples}: held {held:.3} chi2 {chi:.1}"
+                );
             }
         }
     }

@@ -1,19 +1,22 @@
 //! Where the calibrated model and the measurement disagree.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl::observations::Steps;
 use gl::table::Table;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::panel::{BELOW, Panel, room_beside};
+use crate::panel::{Panel, room_beside};
 use crate::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
 use crate::{Style, Units};
 
 /// The standardised gap along the control, significant stretches shaded
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Gap {
     /// Table of the gap after the simulation got the effect that it lacked
     #[arg(long, value_name = "FILE")]
@@ -29,15 +32,31 @@ pub struct Gap {
     gap: PathBuf,
 }
 
+const EXAMPLE: &str = "\
+Example:
+  printf 'observable from to gap gap_sd z share significant\\n' > gap.txt
+  printf 'q 0 2 0 1 .1 0 no\\nq 2 9 3 .5 6 .9 yes\\n' >> gap.txt
+  gl-plot gap -c strain gap.txt -o gap.svg";
+
 /// A stretch of the control along which the gap is of one kind.
 #[derive(Clone, Debug)]
 struct Stretch {
     observable: String,
     from: f64,
     to: f64,
+    /// First and last step, where the table has them.
+    steps: Option<(f64, f64)>,
     z: f64,
     share: f64,
     significant: bool,
+}
+
+/// Whether the control turns back, so that stretches would lie on each other.
+fn turns_back(table: &[Stretch]) -> bool {
+    table.windows(2).filter(|pair| pair[0].observable == pair[1].observable).any(|pair| {
+        let middles = pair[1].from + pair[1].to - pair[0].from - pair[0].to;
+        [pair[0].to - pair[0].from, pair[1].to - pair[1].from].iter().any(|length| length * middles < 0.0)
+    })
 }
 
 fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
@@ -47,8 +66,11 @@ fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
     let significant = table.format().column("significant")?;
     let (from, to) = (table.numbers("from")?, table.numbers("to")?);
     let (z, share) = (table.numbers("z")?, table.numbers("share")?);
+    let steps = table.format().find("steps")?;
     (0..table.len())
         .map(|row| {
+            let steps = steps.and_then(|column| Steps::from_str(table.field(row, column)).ok());
+            let steps = steps.map(|steps| (steps.from as f64, (steps.to - 1) as f64));
             let significant = match table.field(row, significant) {
                 "yes" | "true" | "1" => true,
                 "no" | "false" | "0" => false,
@@ -58,7 +80,7 @@ fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
             };
             let observable = table.field(row, observable).to_owned();
             let (from, to, z, share) = (from[row], to[row], z[row], share[row]);
-            Ok(Stretch { observable, from, to, z, share, significant })
+            Ok(Stretch { observable, from, to, steps, z, share, significant })
         })
         .collect()
 }
@@ -68,8 +90,17 @@ const AFTER: Color = color::GREEN;
 
 impl Gap {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let before = read(&self.gap)?;
-        let after = self.after.as_deref().map(read).transpose()?;
+        let mut before = read(&self.gap)?;
+        let mut after = self.after.as_deref().map(read).transpose()?;
+        let along_steps = turns_back(&before) || after.as_deref().is_some_and(turns_back);
+        if along_steps {
+            for stretch in before.iter_mut().chain(after.iter_mut().flatten()) {
+                // Without them the control has to do.
+                (stretch.from, stretch.to) = stretch.steps.unwrap_or((stretch.from, stretch.to));
+            }
+        }
+        let label = Label { name: self.control.clone(), unit: self.units.get(&self.control) };
+        let label = if along_steps { Label::new("step") } else { label };
         let mut names: Vec<String> = Vec::new();
         for stretch in before.iter().chain(after.iter().flatten()) {
             if !names.contains(&stretch.observable) {
@@ -101,6 +132,7 @@ impl Gap {
             let (left, right) = figure.cell(0, columns);
             let height = (0.6 * (right - left)).clamp(80.0, 150.0);
             let top = figure.y + 4.0;
+            let mut foot = top;
             for (place, name) in row.iter().enumerate() {
                 let (left, right) = figure.cell(place, columns);
                 let own = |table: &[Stretch]| -> Vec<Stretch> {
@@ -111,11 +143,10 @@ impl Gap {
                 let all = || tables.iter().flat_map(|(table, _)| table);
                 let z = Span::of(all().map(|stretch| stretch.z)).with(-3.0).with(3.0).padded(0.16);
                 let y = Axis::vertical(z, Label::new(format!("gap of {name} / sd")), height);
-                let beside = room_beside(&y);
+                let beside = room_beside(&y, height);
                 let (left, right) = (left + beside, right - 7.0);
                 let span = Span::of(all().flat_map(|stretch| [stretch.from, stretch.to])).padded(0.03);
-                let label = Label { name: self.control.clone(), unit: self.units.get(&self.control) };
-                let x = Axis::horizontal(span, label, right - left);
+                let x = Axis::horizontal(span, label.clone(), right - left);
                 let rect = Rect::new(left, top, right, top + height);
                 let mut panel = Panel::new(format!("gap of {name}"), rect, x, y);
                 tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
@@ -124,17 +155,20 @@ impl Gap {
                 panel.horizontal("−2 sd", -2.0, limit_paint());
                 tables.iter().for_each(|(table, color)| draw(&mut panel, table, *color));
                 tables.iter().take(1).for_each(|(table, _)| write_shares(&mut panel, table));
+                foot = foot.max(panel.foot());
                 figure.add(panel.finish());
             }
-            figure.y = top + height + BELOW + 4.0;
+            figure.y = foot + 4.0;
         }
         Ok(figure.finish())
     }
 }
 
 fn shade(panel: &mut Panel, table: &[Stretch], color: Color) {
+    // What is left afterwards at the foot, so that both can be seen.
+    let share = if color == AFTER { 0.05 } else { 1.0 };
     for stretch in table.iter().filter(|stretch| stretch.significant) {
-        panel.stripe("significant", stretch.from, stretch.to, significant_paint(color));
+        panel.stripe("significant", (stretch.from, stretch.to), share, significant_paint(color));
     }
 }
 
@@ -164,7 +198,7 @@ fn write_shares(panel: &mut Panel, table: &[Stretch]) {
 }
 
 fn significant_paint(color: Color) -> Paint {
-    Paint::area(color).opacity(0.15)
+    Paint::area(color).opacity(if color == AFTER { 0.5 } else { 0.15 })
 }
 
 fn limit_paint() -> Paint {

@@ -28,7 +28,6 @@ pub mod color {
     pub const BLACK: Color = Color(0x00_0000);
     pub const INK: Color = Color(0x26_2626);
     pub const GREY: Color = Color(0x8c_8c8c);
-    pub const FAINT: Color = Color(0xdd_dddd);
     pub const WHITE: Color = Color(0xff_ffff);
     pub const BLUE: Color = Color(0x00_72b2);
     pub const SKY: Color = Color(0x56_b4e9);
