@@ -97,7 +97,13 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
                 })
                 .collect();
         }
-        let tempered = weigh(&runs, Target::Ess(0.3), Some(Target::Noise), noise).unwrap();
+        let tempered = weigh(
+            &runs,
+            Target::Ess((f64::max(8.0, 0.3 * setting.samples as f64) / totals.len() as f64).min(0.9)),
+            Some(Target::Noise),
+            noise,
+        )
+        .unwrap();
         let weights = Weights {
             source: "weights".into(),
             samples: samples.names.clone(),
@@ -136,18 +142,52 @@ fn calibration(setting: Setting, replicates: u64) -> (f64, f64) {
     (held / (2 * replicates) as f64, chi_squared(0).max(chi_squared(1)))
 }
 
+/// 90 % intervals hold in 87 to 93 % of the replicates, and χ² is below its 99.9 % quantile.
+fn assert_calibrated(setting: Setting) {
+    let (held, chi_squared) = calibration(setting, 300);
+    assert!((0.87..=0.93).contains(&held), "90 % intervals hold in {held}");
+    assert!(chi_squared < 27.9, "ranks are not uniform: χ² {chi_squared}");
+}
+
+const SLICE: Sampling = Sampling::Slice { deviation: 2.0 };
+
 #[test]
-fn explore() {
-    for sampling in [Sampling::Slice { deviation: 2.0 }, Sampling::Mixture] {
-        for is_noise_known in [true, false] {
-            for (iterations, samples) in
-                [(1, 100), (3, 100), (6, 50), (3, 20), (5, 20), (1, 5), (3, 5), (4, 10)]
-            {
-                let (held, chi) = calibration(Setting { iterations, samples, sampling, is_noise_known }, 200);
-                println!(
-                    "{sampling:?} known {is_noise_known} it {iterations} n {samples}: held {held:.3} chi2 {chi:.1}"
-                );
-            }
+fn one_iteration_is_the_posterior() {
+    assert_calibrated(Setting { iterations: 1, samples: 3000, sampling: SLICE, is_noise_known: true });
+}
+
+#[test]
+fn three_iterations_by_slices_are_the_posterior() {
+    assert_calibrated(Setting { iterations: 3, samples: 100, sampling: SLICE, is_noise_known: true });
+}
+
+#[test]
+fn six_iterations_by_mixtures_are_the_posterior() {
+    assert_calibrated(Setting {
+        iterations: 6,
+        samples: 60,
+        sampling: Sampling::Mixture,
+        is_noise_known: true,
+    });
+}
+
+#[test]
+fn noise_that_is_estimated_gives_the_posterior_too() {
+    assert_calibrated(Setting { iterations: 4, samples: 100, sampling: SLICE, is_noise_known: false });
+    assert_calibrated(Setting {
+        iterations: 4,
+        samples: 100,
+        sampling: Sampling::Mixture,
+        is_noise_known: false,
+    });
+}
+
+#[test]
+fn intervals_from_few_runs_still_cover() {
+    for (iterations, samples) in [(1, 5), (3, 5), (4, 10), (3, 20)] {
+        for sampling in [SLICE, Sampling::Mixture] {
+            let (held, _) = calibration(Setting { iterations, samples, sampling, is_noise_known: true }, 200);
+            assert!(held > 0.83, "{iterations} iterations of {samples}: 90 % intervals hold in {held}");
         }
     }
 }
