@@ -17,6 +17,7 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
+pub mod standardised;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! The pictures of gl-plot: what is in them, and what is refused.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -292,6 +294,20 @@ fn significant_stretches_of_a_gap_are_shaded() {
     for label in ["71 %", "strain (%)", "gap of q / sd", "before", "after"] {
         assert!(has_text(&svg, label), "{label}");
     }
+}
+
+#[test]
+fn the_gap_of_each_reading_is_shown_where_the_runs_are_given() {
+    let folder = calibration();
+    fs::write(folder.0.path().join("gap.txt"), GAP).unwrap();
+    let svg = folder.svg(
+        "gap gap.txt -b obs.txt -e ensemble.txt -w weights.txt --noise f=0.1,q=0.2 \
+         --after-ensemble ensemble.txt --after-weights weights.txt",
+    );
+    assert_eq!([count(&svg, "panel"), series(&svg, "readings")], [4, 4]);
+    assert!(has_text(&svg, "u") && has_text(&svg, "each reading / sd"));
+    let message = folder.error("gap gap.txt -b obs.txt -e ensemble.txt -w weights.txt");
+    assert!(message.contains("4 steps are too few to estimate the noise from"), "{message}");
 }
 
 #[test]

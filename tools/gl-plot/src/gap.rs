@@ -1,16 +1,19 @@
 //! Where the calibrated model and the measurement disagree.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gl::observations::Steps;
+use gl::ensemble::Ensemble;
+use gl::gap::standardised::standardised;
+use gl::observations::{ByName, Observations, Steps};
 use gl::table::Table;
+use gl::weights::Weights;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::panel::{Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
 use crate::{Style, Units};
 
@@ -21,9 +24,27 @@ pub struct Gap {
     /// Table of the gap after the simulation got the effect that it lacked
     #[arg(long, value_name = "FILE")]
     after: Option<PathBuf>,
-    /// Name of the control, for the axis
-    #[arg(short, long, value_name = "NAME", default_value = "control")]
-    control: String,
+    /// Measurement; with it, -e and -w the gap of each reading is shown too
+    #[arg(short = 'b', long, value_name = "FILE", requires_all = ["ensemble", "weights"])]
+    observations: Option<PathBuf>,
+    /// Ensemble table of the runs
+    #[arg(short, long, value_name = "FILE", requires = "observations")]
+    ensemble: Option<PathBuf>,
+    /// Weights of the runs
+    #[arg(short, long, value_name = "FILE", requires = "observations")]
+    weights: Option<PathBuf>,
+    /// Ensemble table of the runs that have the effect
+    #[arg(long, value_name = "FILE", requires_all = ["observations", "after_weights"])]
+    after_ensemble: Option<PathBuf>,
+    /// Weights of the runs that have the effect
+    #[arg(long, value_name = "FILE", requires = "after_ensemble")]
+    after_weights: Option<PathBuf>,
+    /// Standard deviation of the measurement noise; by default the `_sd` columns, or estimated
+    #[arg(long, value_name = "NAME=SD,…", requires = "observations")]
+    noise: Option<ByName>,
+    /// Name of the control
+    #[arg(short, long, value_name = "NAME")]
+    control: Option<String>,
     /// Unit of columns, as in u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -59,7 +80,7 @@ fn turns_back(table: &[Stretch]) -> bool {
     })
 }
 
-fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
+fn read(path: &Path) -> Result<Vec<Stretch>> {
     let table = Table::read(path)?;
     ensure!(!table.is_empty(), "{}: no rows; there is nothing to draw", table.format().source());
     let observable = table.format().column("observable")?;
@@ -99,8 +120,18 @@ impl Gap {
                 (stretch.from, stretch.to) = stretch.steps.unwrap_or((stretch.from, stretch.to));
             }
         }
-        let label = Label { name: self.control.clone(), unit: self.units.get(&self.control) };
-        let label = if along_steps { Label::new("step") } else { label };
+        let mut readings = Vec::new();
+        for (ensemble, weights) in
+            [(&self.ensemble, &self.weights), (&self.after_ensemble, &self.after_weights)]
+        {
+            if let (Some(ensemble), Some(weights)) = (ensemble, weights) {
+                readings.push(self.readings(ensemble, weights)?);
+            }
+        }
+        let name = self.control.clone().or(readings.first().map(|readings| readings.control_name.clone()));
+        let name = name.unwrap_or_else(|| "control".to_owned());
+        let label =
+            if along_steps { Label::new("step") } else { Label { unit: self.units.get(&name), name } };
         let mut names: Vec<String> = Vec::new();
         for stretch in before.iter().chain(after.iter().flatten()) {
             if !names.contains(&stretch.observable) {
@@ -135,24 +166,44 @@ impl Gap {
             let mut foot = top;
             for (place, name) in row.iter().enumerate() {
                 let (left, right) = figure.cell(place, columns);
-                let own = |table: &[Stretch]| -> Vec<Stretch> {
-                    table.iter().filter(|stretch| stretch.observable == *name).cloned().collect()
-                };
                 let tables: Vec<(Vec<Stretch>, Color)> =
-                    tables.iter().map(|(table, color)| (own(table), *color)).collect();
+                    tables.iter().map(|(table, color)| (own(table, name), *color)).collect();
+                let curves: Vec<(Vec<(f64, f64)>, Color)> = readings
+                    .iter()
+                    .zip([BEFORE, AFTER])
+                    .filter_map(|(readings, color)| Some((readings.of(name, along_steps)?, color)))
+                    .collect();
                 let all = || tables.iter().flat_map(|(table, _)| table);
                 let z = Span::of(all().map(|stretch| stretch.z)).with(-3.0).with(3.0).padded(0.16);
                 let y = Axis::vertical(z, Label::new(format!("gap of {name} / sd")), height);
-                let beside = room_beside(&y, height);
+                let each = Span::of(curves.iter().flat_map(|(points, _)| points.iter().map(|point| point.1)));
+                let each = each.with(-2.5).with(2.5).padded(0.08);
+                let each_y = Axis::vertical(each, Label::new("each reading / sd"), height);
+                let beside = room_beside(&y, height).max(room_beside(&each_y, height));
                 let (left, right) = (left + beside, right - 7.0);
-                let span = Span::of(all().flat_map(|stretch| [stretch.from, stretch.to])).padded(0.03);
-                let x = Axis::horizontal(span, label.clone(), right - left);
+                let ends = all().flat_map(|stretch| [stretch.from, stretch.to]);
+                let x = Axis::horizontal(Span::of(ends).padded(0.03), label.clone(), right - left);
+
+                let mut top = top;
+                if !curves.is_empty() {
+                    let rect = Rect::new(left, top, right, top + height);
+                    let mut panel =
+                        Panel::new(format!("gap of each reading of {name}"), rect, x.clone(), each_y)
+                            .beside(beside)
+                            .without_x_labels();
+                    tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
+                    lines(&mut panel);
+                    for (points, color) in &curves {
+                        let dot = Dot { opacity: 0.7, ..Dot::among(points.len(), *color) };
+                        panel.dots("readings", points.iter().copied(), dot, 3000);
+                    }
+                    figure.add(panel.finish());
+                    top += height + 8.0;
+                }
                 let rect = Rect::new(left, top, right, top + height);
-                let mut panel = Panel::new(format!("gap of {name}"), rect, x, y);
+                let mut panel = Panel::new(format!("gap of {name}"), rect, x, y).beside(beside);
                 tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
-                panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
-                panel.horizontal("2 sd", 2.0, limit_paint());
-                panel.horizontal("−2 sd", -2.0, limit_paint());
+                lines(&mut panel);
                 tables.iter().for_each(|(table, color)| draw(&mut panel, table, *color));
                 tables.iter().take(1).for_each(|(table, _)| write_shares(&mut panel, table));
                 foot = foot.max(panel.foot());
@@ -162,6 +213,47 @@ impl Gap {
         }
         Ok(figure.finish())
     }
+}
+
+/// The gap of each reading.
+struct Readings {
+    control_name: String,
+    control: Vec<f64>,
+    observables: Vec<String>,
+    /// In standard deviations, shape (observables, steps).
+    gap: Vec<Vec<f64>>,
+}
+
+impl Readings {
+    /// Points along the control, or along the steps.
+    fn of(&self, observable: &str, along_steps: bool) -> Option<Vec<(f64, f64)>> {
+        let gap = &self.gap[self.observables.iter().position(|name| name == observable)?];
+        let place = |step: usize| if along_steps { step as f64 } else { self.control[step] };
+        Some(gap.iter().enumerate().map(|(step, &gap)| (place(step), gap)).collect())
+    }
+}
+
+impl Gap {
+    fn readings(&self, ensemble: &Path, weights: &Path) -> Result<Readings> {
+        let ensemble = Ensemble::read_by_header(ensemble, self.control.as_deref(), &[])?;
+        let observations = self.observations.as_deref().context("no measurement")?;
+        let observations = Observations::read(observations, &ensemble.control_name, &ensemble.observables)?;
+        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        let weights = Weights::read(weights)?.of_runs(&ensemble)?;
+        let gap = standardised(&observations, &ensemble, &weights, noise.as_deref())?;
+        let Ensemble { control_name, observables, .. } = ensemble;
+        Ok(Readings { control_name, control: observations.control, observables, gap })
+    }
+}
+
+fn own(table: &[Stretch], observable: &str) -> Vec<Stretch> {
+    table.iter().filter(|stretch| stretch.observable == observable).cloned().collect()
+}
+
+fn lines(panel: &mut Panel) {
+    panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
+    panel.horizontal("2 sd", 2.0, limit_paint());
+    panel.horizontal("−2 sd", -2.0, limit_paint());
 }
 
 fn shade(panel: &mut Panel, table: &[Stretch], color: Color) {
