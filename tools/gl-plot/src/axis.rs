@@ -137,7 +137,7 @@ impl Axis {
     /// An axis along the bottom that counts: marks at whole numbers only.
     pub fn counting(span: Span, label: Label, length: f64) -> Self {
         let whole = Span { low: span.low.ceil(), high: span.high.floor(), ..span };
-        if whole.high - whole.low > 6.0 {
+        if whole.high - whole.low > length / 9.0 - 1.0 {
             return Self::horizontal(span, label, length);
         }
         let ticks = (whole.low as i64..=whole.high as i64).map(|i| (i as f64, i.to_string()));

@@ -68,7 +68,7 @@ impl Trend {
         self
     }
 
-    fn from_zero(mut self) -> Self {
+    fn with_zero(mut self) -> Self {
         self.span = self.span.with(0.0);
         self
     }
@@ -131,14 +131,14 @@ fn along_steps(table: &Table, parameters: &Parameters) -> Result<Vec<Stacks>> {
         let label = parameters.label(name);
         stacks.push(vec![
             Trend::new(&step, means, label, name, color::BLUE).with_band(low, high),
-            Trend::new(&step, cv, Label::new("cv"), &format!("cv of {name}"), color::VERMILION).from_zero(),
+            Trend::new(&step, cv, Label::new("cv"), &format!("cv of {name}"), color::VERMILION).with_zero(),
         ]);
     }
     let mut filter = Vec::new();
     for name in ["sigma", "ess"] {
         let values = table.numbers(name)?;
         let trend = Trend::new(&step, values, Label::new(name), name, color::GREEN);
-        filter.push(vec![if name == "ess" { trend.from_zero() } else { trend.wide() }]);
+        filter.push(vec![if name == "ess" { trend.with_zero() } else { trend.wide() }]);
     }
     Ok(vec![stacks, filter])
 }
@@ -151,7 +151,7 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
     for name in ["sigma", "ess", "ensemble_error", "best_error"] {
         let label = Label::new(name.replace('_', " "));
         let trend = Trend::new(&iteration, quantities(name)?, label, name, color::GREEN);
-        numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.from_zero() }]);
+        numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
     }
     let mut means = Vec::new();
     for name in tables[0].1.names_of("mean") {

@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn a_path_is_cut_where_it_turns_back() {
         assert_eq!(monotone_stretches(&[0.0, 1.0, 2.0, 1.0, 0.0, 0.0, 3.0]), [0..3, 2..6, 5..7]);
-        assert_eq!(monotone_stretches(&[1.0, 1.0, 2.0]), [0..3]);
+        assert_eq!(monotone_stretches(&[1.0, 1.0, 2.0, 1.0]), [0..3, 2..4]);
         assert_eq!(monotone_stretches(&[]), []);
     }
 }

@@ -96,8 +96,8 @@ impl Proposal {
         let mut figure = Figure::new(format!("Proposal for {}", names.join(", ")), style.width);
         let mut legend = vec![(Key::Line(Paint::line(color::BLUE, 1.4)), "mixture".to_owned())];
         let shown = weight.len().min(color::SERIES.len() - 1);
-        for k in 0..shown {
-            let label = format!("component {}: {:.0} %", k + 1, 100.0 * weight[k]);
+        for (k, weight) in weight.iter().enumerate().take(shown) {
+            let label = format!("component {}: {:.0} %", k + 1, 100.0 * weight);
             legend.push((Key::Line(Paint::line(component_color(k), 1.0)), label));
         }
         if weight.len() > shown {
