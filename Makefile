@@ -1,22 +1,48 @@
-# Everything a user or a developer types. `make` alone says what there is.
+# What a user or a developer types; `make` alone lists it.
 
 SHELL := /bin/bash
 CASE ?= examples/collision
 ENGINE ?= embedded
 OUT ?= out/$(notdir $(CASE))
-export PATH := $(CURDIR)/target/release:$(PATH)
+PREFIX ?= /usr/local
+export PATH := $(CURDIR)/target/release:$(CURDIR)/scripts:$(PATH)
 export MAKE
+
+TOOLS := $(notdir $(wildcard tools/gl-*))
 
 help:
 	@sed -n 's/^## //p' $(MAKEFILE_LIST)
 
-## make build                          the tools, in target/release
-build:
-	@cargo build --release
+## make demo                        build; calibrate a contact between two spheres; the posterior and a picture
+demo: ENGINE := $(if $(shell command -v yade-batch),yade-batch,embedded)
+demo: build
+	@scripts/calibrate examples/collision $(ENGINE) out/demo-$(ENGINE)
+	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w out/demo-$(ENGINE)/posterior-weights.txt \
+	 out/demo-$(ENGINE)/ensemble.txt -o out/demo-$(ENGINE)/fit.png
+	@echo; echo "The fit is drawn in out/demo-$(ENGINE)/fit.png, the tables stand beside it."
 
-## make calibrate CASE=… ENGINE=…      calibrate a case; ENGINE is embedded, local, yade-batch, slurm, pbs
-##                 ITERATIONS=N        at most N iterations; MORE=N: N beyond those that are there
+## make test                        everything: the library, the tools, the scripts, the engines that are here
+test: build
+	@cargo test --release --workspace
+	@tests/scripts/run
+
+## make build                       the tools, in target/release
+build:
+	@cargo build --release --workspace
+
+## make calibrate CASE=… ENGINE=…   calibrate a case with ENGINE embedded, local, yade-batch, slurm or pbs;
+##                                  ITERATIONS=N at most, or MORE=N beyond those that are there; into OUT
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
 
-.PHONY: help build calibrate
+## make install PREFIX=…            the tools and scripts into PREFIX/bin and PREFIX/share/gl
+install: build
+	@install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/gl
+	@install $(TOOLS:%=target/release/%) $(DESTDIR)$(PREFIX)/bin
+	@cp -r scripts examples $(DESTDIR)$(PREFIX)/share/gl
+
+## make clean                       what calibrations wrote; the build stays
+clean:
+	@rm -rf out
+
+.PHONY: help demo test build calibrate install clean

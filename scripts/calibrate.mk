@@ -44,7 +44,7 @@ STOP := $(call option,--sigma-tol,$(SIGMA_TOL)) $(call option,--error-tol,$(ERRO
 $(D)/stop.code: $(D)/summary.txt $(D)/posterior.txt $(CASE)/case.env
 	@code=0; gl-check-stop $(STOP) -o $(D)/stop.txt $< 2>$(D)/.stop.log || code=$$?; \
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
-	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$@.part; mv $@.part $@
+	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
 
 # What the next samples are drawn from: tempered, so that ESS of the runs of one iteration keep weight,
 # but enough to see the shape of the posterior in (2 d + 4 with d parameters).

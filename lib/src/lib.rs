@@ -5,9 +5,6 @@
 //! | step of the work | modules |
 //! | --- | --- |
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
-//! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
-//! | weights and what they say | [`statistics`] |
-//! | runs predicted without running them | [`emulator`] |
 //! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`] |
 //! | how far each run is from the measurement | [`misfit`] |
 //! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
