@@ -66,11 +66,14 @@ impl Parameters {
         Label { name: name.to_owned(), unit: self.get(name).and_then(|parameter| parameter.unit.clone()) }
     }
 
-    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis.
-    pub fn support(&self, name: &str, span: Span) -> Span {
+    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis where
+    /// there are none or some values lie beyond them.
+    pub fn support(&self, name: &str, span: Span, values: &[f64]) -> Span {
         match self.get(name) {
-            Some(parameter) => Span { low: parameter.lower, high: parameter.upper, ..span },
-            None => span,
+            Some(known) if values.iter().all(|value| (known.lower..=known.upper).contains(value)) => {
+                Span { low: known.lower, high: known.upper, ..span }
+            }
+            _ => span,
         }
     }
 
