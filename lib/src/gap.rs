@@ -18,12 +18,9 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
-<<<<<<< HEAD
 mod scatter;
 pub mod shrink;
-=======
 pub mod standardised;
->>>>>>> plot
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
