@@ -3,21 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use gl::table::Table;
-
-fn tool(name: &str) -> Command {
-    let mut release = std::env::current_exe().unwrap();
-    release.pop();
-    release.pop();
-    Command::new(release.join(name))
-}
-
-fn example(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name)
-}
+use pipelines::{example, tool};
 
 /// Keys and values of a `case.env`.
 fn case(name: &str, key: &str) -> String {
