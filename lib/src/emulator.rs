@@ -30,8 +30,8 @@ use crate::prior::{Prior, normal_quantile};
 use crate::samples::Samples;
 use components::{Components, Enough};
 use gp::{Gp, Mean, Points};
-pub use inputs::Reach;
 use inputs::Inputs;
+pub use inputs::Reach;
 use train::{Search, train};
 
 /// What may be chosen about an emulator.
@@ -123,9 +123,9 @@ impl Emulator {
         let mut coordinates = Vec::with_capacity(order.len());
         for &run in &order {
             let name = ensemble.samples[run].as_str();
-            let place = places
-                .get(name)
-                .with_context(|| format!("{}: sample {name} is not in {}", ensemble.source, samples.source))?;
+            let place = places.get(name).with_context(|| {
+                format!("{}: sample {name} is not in {}", ensemble.source, samples.source)
+            })?;
             coordinates.push(coordinates_of(prior, &values[*place]));
         }
         let inputs = Inputs::new(prior, &coordinates);
@@ -152,7 +152,8 @@ impl Emulator {
             }
             None => {
                 let ranges = (0..m).map(|j| range_of(&curves, j, steps));
-                let scale = ranges.flat_map(|range| vec![if range > 0.0 { range } else { 1.0 }; steps]).collect();
+                let scale =
+                    ranges.flat_map(|range| vec![if range > 0.0 { range } else { 1.0 }; steps]).collect();
                 (scale, Enough { leftover: 0.0, share: 1e-6, most: options.max_components })
             }
         };
@@ -336,7 +337,9 @@ impl Emulator {
                     let sd = (prediction.variance[o] + prediction.scatter[o]).sqrt();
                     squares += error * error;
                     // A constant observable is predicted exactly, to rounding.
-                    covered += f64::from(u8::from(error.abs() <= half_width * sd + 1e-12 * self.curves[(i, o)].abs()));
+                    covered += f64::from(u8::from(
+                        error.abs() <= half_width * sd + 1e-12 * self.curves[(i, o)].abs(),
+                    ));
                 }
             }
             let rmse = (squares / count).sqrt();

@@ -1,16 +1,25 @@
-//! The gap between the calibrated simulation and reality: which effect explains it.
+//! The gap that is left after calibration: where it lies, which effect explains it, and how far it
+//! closes.
 
 pub mod adequacy;
 pub mod attribution;
+pub mod closure;
+pub mod confounding;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
 pub mod hypothesis;
+pub mod locate;
 pub mod measurement;
 pub mod mode;
 pub mod model;
+pub mod noise;
 pub mod path;
+mod precision;
 pub mod predictor;
 pub mod problem;
+pub mod residual;
+#[cfg(test)]
+mod synthetic;
 #[cfg(test)]
 mod synthetic_world;

@@ -2,9 +2,9 @@
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
-use statrs::function::erf::erfc;
 
 use crate::ensemble::Ensemble;
+use crate::prior::normal_cdf;
 use crate::statistics::{Quantiles, mean, sd};
 
 /// Weighted mean, standard deviation and quantiles of one observable at one step.
@@ -70,7 +70,7 @@ fn mixture_quantile(means: &[f64], sds: &[f64], weights: &[f64], p: f64) -> f64 
             } else if distance <= -REACH * sd {
                 0.0
             } else {
-                0.5 * weight * erfc(-distance / (sd * std::f64::consts::SQRT_2))
+                weight * normal_cdf(distance / sd)
             }
         };
         means.iter().zip(sds).zip(weights).map(share).sum()

@@ -95,6 +95,12 @@ impl Weights {
         self.samples.is_empty()
     }
 
+    /// How many of the parameters vary from sample to sample.
+    pub fn varying(&self) -> usize {
+        let varies = |j: &usize| self.values.iter().any(|row| row[*j] != self.values[0][*j]);
+        (0..self.parameters.len()).filter(varies).count()
+    }
+
     /// The weight of every run of an ensemble, shape (runs,), found by the name of its sample.
     ///
     /// # Errors

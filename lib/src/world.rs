@@ -152,6 +152,11 @@ fn places(world: &dyn World, names: &[String]) -> Result<Vec<usize>> {
     Ok(names.iter().filter_map(place).collect())
 }
 
+fn check_positive(name: &str, value: f64) -> Result<()> {
+    ensure!(value > 0.0 && value.is_finite(), "{name} {value}: must be positive and finite");
+    Ok(())
+}
+
 /// Add normal noise to every value.
 ///
 /// * `sd` — standard deviation of each reading, in the shape of `values`; a share of the value

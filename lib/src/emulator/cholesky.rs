@@ -108,16 +108,7 @@ impl Cholesky {
         for i in 0..n {
             let row = self.lower.row(i);
             let pivot = 1.0 / row[i];
-            let mut j = 0;
-            while j + 4 <= i {
-                // The entries of rows j + 1 to j + 3 before their diagonal are zero.
-                let sums = dot4(&row[j..i], [0, 1, 2, 3].map(|l| &upper.row(j + l)[j..i]));
-                for (l, sum) in sums.into_iter().enumerate() {
-                    upper.row_mut(j + l)[i] = -sum * pivot;
-                }
-                j += 4;
-            }
-            for j in j..i {
+            for j in 0..i {
                 let sum = dot(&row[j..i], &upper.row(j)[j..i]);
                 upper.row_mut(j)[i] = -sum * pivot;
             }
@@ -133,13 +124,7 @@ pub fn upper_times_transpose(upper: &Square) -> Square {
     let mut product = Square::zeros(n);
     for i in 0..n {
         let row = &upper.row(i)[i..];
-        let mut j = 0;
-        while j + 4 <= i + 1 {
-            let sums = dot4(row, [0, 1, 2, 3].map(|l| &upper.row(j + l)[i..]));
-            product.row_mut(i)[j..j + 4].copy_from_slice(&sums);
-            j += 4;
-        }
-        for j in j..=i {
+        for j in 0..=i {
             product.row_mut(i)[j] = dot(row, &upper.row(j)[i..]);
         }
     }
@@ -152,21 +137,7 @@ fn factor(a: &Square, jitter: f64) -> Option<Square> {
     for i in 0..n {
         let source = a.row(i);
         let (before, row) = lower.rows_before(i);
-        let earlier = |j: usize| &before[j * n..j * n + n];
-        let mut j = 0;
-        while j + 4 <= i {
-            let sums = dot4(&row[..j], [0, 1, 2, 3].map(|l| &earlier(j + l)[..j]));
-            for (l, mut sum) in sums.into_iter().enumerate() {
-                let other = earlier(j + l);
-                for m in j..j + l {
-                    sum += row[m] * other[m];
-                }
-                row[j + l] = (source[j + l] - sum) / other[j + l];
-            }
-            j += 4;
-        }
-        for j in j..i {
-            let other = earlier(j);
+        for (j, other) in before.chunks_exact(n).enumerate() {
             row[j] = (source[j] - dot(&row[..j], &other[..j])) / other[j];
         }
         let square = source[i] + jitter - dot(&row[..i], &row[..i]);
@@ -191,24 +162,4 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     sums.iter().sum::<f64>() + rest
-}
-
-/// The products of one row with four, which loads the one only once.
-fn dot4(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
-    let (a, a_rest) = a.as_chunks::<4>();
-    let chunks = b.map(|b| b.as_chunks::<4>());
-    let mut sums = [[0.0; 4]; 4];
-    let rows = chunks[0].0.iter().zip(chunks[1].0).zip(chunks[2].0).zip(chunks[3].0);
-    for (a, (((b0, b1), b2), b3)) in a.iter().zip(rows) {
-        for l in 0..4 {
-            sums[0][l] += a[l] * b0[l];
-            sums[1][l] += a[l] * b1[l];
-            sums[2][l] += a[l] * b2[l];
-            sums[3][l] += a[l] * b3[l];
-        }
-    }
-    [0, 1, 2, 3].map(|r| {
-        let rest: f64 = a_rest.iter().zip(chunks[r].1).map(|(a, b)| a * b).sum();
-        (sums[r][0] + sums[r][1]) + (sums[r][2] + sums[r][3]) + rest
-    })
 }

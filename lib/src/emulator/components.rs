@@ -73,9 +73,8 @@ impl Components {
             basis.set_column(place, &(direction * sd));
         }
         let rest = &scaled - &scores * basis.transpose();
-        let leftover = DVector::from_fn(outputs, |o, _| {
-            rest.column(o).norm_squared() / degrees * scale[o] * scale[o]
-        });
+        let leftover =
+            DVector::from_fn(outputs, |o, _| rest.column(o).norm_squared() / degrees * scale[o] * scale[o]);
         for (mut row, scale) in basis.row_iter_mut().zip(scale) {
             row *= *scale;
         }

@@ -74,14 +74,23 @@ impl Inputs {
             .map(|effect| effect.parameters.into_iter().filter(|&j| parameters[j].off.is_some()).collect())
             .filter(|switch: &Vec<usize>| !switch.is_empty())
             .collect();
-        let mut inputs =
-            Self { parameters, switches, kept: Vec::new(), fixed: Vec::new(), margin: 2.0 / runs.len() as f64 };
+        let mut inputs = Self {
+            parameters,
+            switches,
+            kept: Vec::new(),
+            fixed: Vec::new(),
+            margin: 2.0 / runs.len() as f64,
+        };
         let sources = (0..inputs.parameters.len())
             .map(Source::Coordinate)
             .chain((0..inputs.switches.len()).map(Source::Switch));
         for source in sources.collect::<Vec<_>>() {
-            let mut input =
-                Input { source, low: f64::INFINITY, high: -f64::INFINITY, on: (f64::INFINITY, -f64::INFINITY) };
+            let mut input = Input {
+                source,
+                low: f64::INFINITY,
+                high: -f64::INFINITY,
+                on: (f64::INFINITY, -f64::INFINITY),
+            };
             for run in runs {
                 let value = inputs.value(source, run);
                 (input.low, input.high) = (input.low.min(value), input.high.max(value));
@@ -105,7 +114,8 @@ impl Inputs {
 
     /// The inputs at coordinates, shape (parameters,).
     pub fn at(&self, coordinates: &[f64]) -> Vec<f64> {
-        let scaled = |input: &Input| (self.value(input.source, coordinates) - input.low) / (input.high - input.low);
+        let scaled =
+            |input: &Input| (self.value(input.source, coordinates) - input.low) / (input.high - input.low);
         self.kept.iter().map(scaled).collect()
     }
 

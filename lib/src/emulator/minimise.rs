@@ -37,8 +37,7 @@ pub fn minimise(
             .collect();
         let direction: Vec<f64> = (0..d)
             .map(|i| {
-                let sum: f64 =
-                    (0..d).filter(|&j| free[j]).map(|j| inverse_hessian[i][j] * gradient[j]).sum();
+                let sum: f64 = (0..d).filter(|&j| free[j]).map(|j| inverse_hessian[i][j] * gradient[j]).sum();
                 if free[i] { -sum } else { 0.0 }
             })
             .collect();

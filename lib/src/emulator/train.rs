@@ -18,8 +18,11 @@ const NUGGET_RATIOS: (f64, f64) = (1e-8, 1e4);
 /// flat towards long lengths, so that irrelevant inputs get long ones.
 const SHORT_LENGTH: f64 = 0.1;
 
-/// Points that the first search is done on; its cost grows with their cube.
+/// Points that the search from many places is done on; its cost grows with their cube.
 const FIRST_POINTS: usize = 100;
+
+/// Points that are enough to know the lengths and the nugget.
+const MOST_POINTS: usize = 400;
 
 /// How to search.
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +35,8 @@ pub struct Search {
 
 /// Train a Gaussian process: the highest marginal likelihood, times a prior against short lengths.
 ///
-/// The search starts from several places on up to 100 of the points, and goes on from the best
-/// outcome on all of them.
+/// The search starts from several places on up to 100 of the points, goes on from the best outcome on
+/// up to 400, and all of them are conditioned on.
 ///
 /// * `rows` — inputs, shape (points, inputs).
 /// * `points` — the same, with their mean function.
@@ -56,23 +59,31 @@ pub fn train(
     starts[0][d] = (1e-2_f64).ln();
     starts[1][d] = (1e-4_f64).ln();
     while starts.len() < search.starts.max(1) {
-        let mut start: Vec<f64> = (0..d).map(|_| generator.random_range(0.2_f64.ln()..5.0_f64.ln())).collect();
+        let mut start: Vec<f64> =
+            (0..d).map(|_| generator.random_range(0.2_f64.ln()..5.0_f64.ln())).collect();
         start.push(generator.random_range(1e-6_f64.ln()..1.0_f64.ln()));
         starts.push(start);
     }
     starts.truncate(search.starts.max(1));
 
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.shuffle(generator);
+    let coarse = Stop { iterations: 40, decrease: 1e-2 };
+    let fine = Stop { iterations: 100, decrease: 1e-3 };
+    let some = |count: usize| -> Result<(Points, Vec<f64>)> {
+        let some_rows: Vec<Vec<f64>> = order[..count].iter().map(|&i| rows[i].clone()).collect();
+        Ok((Points::new(&some_rows, search.mean)?, order[..count].iter().map(|&i| y[i]).collect()))
+    };
     if points.len() > FIRST_POINTS {
-        let mut order: Vec<usize> = (0..points.len()).collect();
-        order.shuffle(generator);
-        order.truncate(FIRST_POINTS);
-        let some_rows: Vec<Vec<f64>> = order.iter().map(|&i| rows[i].clone()).collect();
-        let some_y: Vec<f64> = order.iter().map(|&i| y[i]).collect();
-        let some = Points::new(&some_rows, search.mean)?;
-        let stop = Stop { iterations: 40, decrease: 1e-2 };
-        starts = vec![best(&some, &some_y, &starts, &bounds, stop)?];
+        let (some, y) = some(FIRST_POINTS)?;
+        starts = vec![best(&some, &y, &starts, &bounds, coarse)?];
     }
-    let theta = best(points, y, &starts, &bounds, Stop { iterations: 100, decrease: 1e-3 })?;
+    let theta = if points.len() > MOST_POINTS {
+        let (some, y) = some(MOST_POINTS)?;
+        best(&some, &y, &starts, &bounds, fine)?
+    } else {
+        best(points, y, &starts, &bounds, fine)?
+    };
     Gp::new(points, y, &hyperparameters(&theta))
 }
 
@@ -93,7 +104,8 @@ fn best(
 }
 
 fn hyperparameters(theta: &[f64]) -> Hyperparameters {
-    let (nugget_ratio, lengths) = theta.split_last().map_or((0.0, &[][..]), |(last, rest)| (last.exp(), rest));
+    let (nugget_ratio, lengths) =
+        theta.split_last().map_or((0.0, &[][..]), |(last, rest)| (last.exp(), rest));
     Hyperparameters { lengths: lengths.iter().map(|l| l.exp()).collect(), nugget_ratio, variance: None }
 }
 

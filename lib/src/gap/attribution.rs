@@ -113,8 +113,12 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
     order.sort_by(|&a, &b| weight(b, &found).total_cmp(&weight(a, &found)));
     let nearest = order[0];
     let high = weight(nearest, &found);
-    let mut close: Vec<usize> =
-        order.iter().copied().filter(|&place| high - weight(place, &found) < CLOSE).take(MOST_CLOSE).collect();
+    let mut close: Vec<usize> = order
+        .iter()
+        .copied()
+        .filter(|&place| high - weight(place, &found) < CLOSE)
+        .take(MOST_CLOSE)
+        .collect();
     if !close.contains(&0) {
         close.push(0);
     }
@@ -167,5 +171,10 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
     explanations.sort_by(|a, b| {
         b.probability.total_cmp(&a.probability).then(b.evidence.ln.total_cmp(&a.evidence.ln))
     });
-    Ok(Attribution { explanations, unexplained, ln_unexplained, nearest: name(&sets[nearest], &problem.candidates) })
+    Ok(Attribution {
+        explanations,
+        unexplained,
+        ln_unexplained,
+        nearest: name(&sets[nearest], &problem.candidates),
+    })
 }

@@ -75,7 +75,8 @@ pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaC
             curves.push(curve);
         }
         let rounds = (round + 1) as f64;
-        ln_weights = ln_target.iter().zip(&ln_proposed).map(|(target, q)| target - (q - rounds.ln())).collect();
+        ln_weights =
+            ln_target.iter().zip(&ln_proposed).map(|(target, q)| target - (q - rounds.ln())).collect();
         let count = ln_weights.len() as f64;
         ln = ln_sum_exp(&ln_weights) - count.ln();
         ensure!(ln.is_finite(), "no parameters at which the measurement has a chance");
@@ -127,17 +128,13 @@ impl Part {
         let mut away = w - &self.centre;
         self.factor.solve_lower_triangular_mut(&mut away);
         let freedom = FREEDOM as f64;
-        self.ln_norm
-            - 0.5 * (freedom + w.len() as f64) * (away.norm_squared() / freedom).ln_1p()
+        self.ln_norm - 0.5 * (freedom + w.len() as f64) * (away.norm_squared() / freedom).ln_1p()
     }
 }
 
 impl Mixture {
     fn about(modes: &[Mode]) -> Self {
-        let heights: Vec<f64> = modes
-            .iter()
-            .map(Mode::ln_evidence)
-            .collect();
+        let heights: Vec<f64> = modes.iter().map(Mode::ln_evidence).collect();
         let high = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         // A mode that looks small may be wide: none begins below a twentieth.
         let weights: Vec<f64> = heights.iter().map(|height| (height - high).exp().max(0.05)).collect();
@@ -145,9 +142,7 @@ impl Mixture {
         let parts = modes
             .iter()
             .zip(&weights)
-            .filter_map(|(mode, weight)| {
-                Part::new(weight / sum, mode.w.clone(), &mode.covariance * 1.3)
-            })
+            .filter_map(|(mode, weight)| Part::new(weight / sum, mode.w.clone(), &mode.covariance * 1.3))
             .collect();
         Self { parts }
     }
@@ -203,7 +198,8 @@ impl Mixture {
             .collect();
         let mut parts = Vec::new();
         for (k, old) in self.parts.iter().enumerate() {
-            let owned: Vec<f64> = weights.iter().zip(&shares).map(|(weight, share)| weight * share[k]).collect();
+            let owned: Vec<f64> =
+                weights.iter().zip(&shares).map(|(weight, share)| weight * share[k]).collect();
             let weight: f64 = owned.iter().sum();
             if weight < 1e-3 {
                 continue;
@@ -286,10 +282,7 @@ mod tests {
         values.iter_mut().for_each(|y| *y += noise * standard_normal(&mut random));
         let observations = Straight::observations(values);
         let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
-        let candidates = vec![
-            Candidate::Simulated(prior.effects().remove(0)),
-            Candidate::Measured(offset),
-        ];
+        let candidates = vec![Candidate::Simulated(prior.effects().remove(0)), Candidate::Measured(offset)];
         let problem =
             Problem::new(&predictor, &prior, candidates, &observations, Some(vec![vec![noise; STEPS]]), 1.0)
                 .unwrap();
@@ -312,7 +305,12 @@ mod tests {
                 let found = evidence(&model, modes, FINE, &mut random).unwrap();
                 assert!(found.error < 0.1, "{hypothesis:?}: {}", found.error);
                 let off = (found.ln - expected).abs();
-                assert!(off < 0.2 && off < 4.0 * found.error, "{hypothesis:?}: {} {expected} {}", found.ln, found.error);
+                assert!(
+                    off < 0.2 && off < 4.0 * found.error,
+                    "{hypothesis:?}: {} {expected} {}",
+                    found.ln,
+                    found.error
+                );
             }
         }
     }

@@ -116,8 +116,8 @@ mod tests {
             + &patterns * DMatrix::from_row_slice(3, 3, &within) * patterns.transpose();
         let r = DVector::from_row_slice(&residual);
         let factor = Cholesky::new(whole).unwrap();
-        let expected = -0.5
-            * (r.dot(&factor.solve(&r)) + factor.determinant().ln() + 6.0 * std::f64::consts::TAU.ln());
+        let expected =
+            -0.5 * (r.dot(&factor.solve(&r)) + factor.determinant().ln() + 6.0 * std::f64::consts::TAU.ln());
         let covariance = Covariance::new(&diagonal, &patterns, &correlation);
         let filled = covariance.fill(&variances).unwrap();
         assert!((filled.ln_density(&residual) - expected).abs() < 1e-12);

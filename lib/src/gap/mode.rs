@@ -46,7 +46,9 @@ pub fn find(model: &Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> 
     modes.sort_by(|a, b| b.ln_posterior.total_cmp(&a.ln_posterior));
     let mut distinct: Vec<Mode> = Vec::new();
     for mode in modes {
-        if distinct.iter().all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
+        if distinct
+            .iter()
+            .all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
         {
             distinct.push(mode);
         }
@@ -112,7 +114,9 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
         }
     }
     let mut covariance = DMatrix::identity(w.len(), w.len());
-    if let Some(factor) = normal_equations(model, &w, &curve).and_then(|(_, curvature)| Cholesky::new(curvature)) {
+    if let Some(factor) =
+        normal_equations(model, &w, &curve).and_then(|(_, curvature)| Cholesky::new(curvature))
+    {
         covariance.view_mut((0, 0), (dimensions, dimensions)).copy_from(&factor.inverse());
     }
     for i in dimensions..w.len() {

@@ -76,11 +76,7 @@ impl<'a> Problem<'a> {
         ensure!(scatter >= 0.0, "--scatter {scatter}: give a share of at least 0");
         let ranges = observations.ranges();
         for (name, &range) in observations.names.iter().zip(&ranges) {
-            ensure!(
-                range > 0.0,
-                "{}: {name} is the same at every step; leave it out",
-                observations.source
-            );
+            ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
         }
         let noise: Option<Vec<f64>> = noise.map(|noise| noise.concat());
         ensure!(
@@ -134,6 +130,11 @@ impl<'a> Problem<'a> {
     /// Number of steps.
     pub fn steps(&self) -> usize {
         self.path.control().len()
+    }
+
+    /// Lower factor of the correlation of the components' errors, shape (components, components).
+    pub fn correlation(&self) -> &DMatrix<f64> {
+        &self.correlation
     }
 
     /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use anyhow::{Result, bail, ensure};
 
-use super::{Input, World, input};
+use super::{Input, World, check_positive, input};
 
 /// Two equal spheres in contact: control `u`, the displacement of one towards the other in m, 0 at
 /// first touch; observables `f` and `t`, the normal and the tangential force in N.
@@ -113,12 +113,13 @@ impl Contact {
     /// Check the sizes and speeds.
     ///
     /// # Errors
-    /// If one is not positive, `shear` is not finite, or the path is empty or never presses.
+    /// If one is not positive and finite, or the path never presses, or deeper than the spheres are.
     pub fn check(&self) -> Result<()> {
-        ensure!(self.radius > 0.0, "radius {}: must be positive", self.radius);
-        ensure!(self.shear.is_finite(), "shear {}: must be a finite number", self.shear);
+        check_positive("radius", self.radius)?;
+        ensure!(self.shear.is_finite(), "shear {}: must be finite", self.shear);
         for step in &self.path {
-            ensure!(step.speed > 0.0, "speed {}: must be positive", step.speed);
+            check_positive("speed", step.speed)?;
+            ensure!(step.u.is_finite(), "displacement {}: must be finite", step.u);
         }
         ensure!(self.deepest() > 0.0, "the displacement never exceeds 0: the spheres do not touch");
         ensure!(
@@ -191,7 +192,7 @@ impl World for Contact {
         let (mut f, mut t) = (Vec::new(), Vec::new());
         let mut from = self.path[0].u.min(0.0);
         for step in &self.path {
-            let rate = step.speed * (step.u - from).signum();
+            let rate = if step.u == from { 0.0 } else { step.speed * (step.u - from).signum() };
             for i in 1..=SUBSTEPS {
                 let at = |i: usize| from + (step.u - from) * i as f64 / SUBSTEPS as f64;
                 // The last one is the path's own value to the bit.

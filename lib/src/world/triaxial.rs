@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Input, World, input};
+use super::{Input, World, check_positive, input};
 
 /// Drained triaxial compression at a constant cell pressure: control `e_a`, the axial strain;
 /// observables `q`, the deviatoric stress in kPa, and `e_v`, the volumetric strain. Strains are
@@ -60,8 +60,11 @@ const POISSON: f64 = 0.05;
 /// Strain over which the friction of the piston is mobilised.
 const PISTON_STRAIN: f64 = 5e-4;
 
-/// Largest strain of an integration step.
-const STEP: f64 = 1e-4;
+/// Error allowed in a step of integration: of strains, and of stresses over the cell pressure.
+const TOLERANCE: f64 = 1e-9;
+
+/// First step of integration, and the one at which it gives up.
+const STEPS: (f64, f64) = (1e-6, 1e-13);
 
 impl Triaxial {
     /// Cell pressure by default, kPa.
@@ -85,10 +88,10 @@ impl Triaxial {
     /// Check sizes and path.
     ///
     /// # Errors
-    /// If a size is not positive, or the strains do not increase from 0 or above to less than 1.
+    /// If a size is not positive and finite, or the strains do not increase from 0 or above to less than 1.
     pub fn check(&self) -> Result<()> {
-        ensure!(self.cell > 0.0, "cell pressure {}: must be positive", self.cell);
-        ensure!(self.diameter > 0.0, "diameter {}: must be positive", self.diameter);
+        check_positive("cell pressure", self.cell)?;
+        check_positive("diameter", self.diameter)?;
         let in_order = self.path.windows(2).all(|pair| pair[0] < pair[1]);
         let inside = |strain: Option<&f64>| strain.is_some_and(|strain| (0.0..1.0).contains(strain));
         ensure!(
@@ -155,12 +158,9 @@ impl World for Triaxial {
         };
         let mut state = State::zeros();
         let (mut q, mut e_v) = (Vec::new(), Vec::new());
-        let mut from = 0.0;
+        let (mut from, mut step) = (0.0, STEPS.0);
         for &to in &self.path {
-            let count = ((to - from) / STEP).ceil();
-            for _ in 0..count as usize {
-                state = specimen.advance(&state, (to - from) / count)?;
-            }
+            state = specimen.advance(state, to - from, &mut step)?;
             let [strain, deviator, volume] = [state[0], state[1], state[2]];
             let confined = specimen.confinement(&state) - self.cell;
             let carried = 4.0 * specimen.membrane * strain;
@@ -235,8 +235,30 @@ impl Specimen {
         Ok(Vector3::new(1.0, solved[0], solved[2]) / (1.0 + taken))
     }
 
-    /// The state after a step of the measured axial strain, by the classical Runge–Kutta method.
-    fn advance(&self, state: &State, step: f64) -> Result<State> {
+    /// The state after `length` more of the measured axial strain, in steps that begin with `step` and
+    /// are chosen so that one step and two halves of it agree.
+    fn advance(&self, mut state: State, length: f64, step: &mut f64) -> Result<State> {
+        let mut left = length;
+        while left > 0.0 {
+            let h = step.min(left);
+            let whole = self.runge_kutta(&state, h)?;
+            let halves = self.runge_kutta(&self.runge_kutta(&state, 0.5 * h)?, 0.5 * h)?;
+            let difference = (halves - whole).component_div(&Vector3::new(1.0, self.cell, 1.0));
+            let error = difference.abs().sum() / TOLERANCE;
+            if error <= 1.0 {
+                state = halves + (halves - whole) / 15.0;
+                left = if h < left { left - h } else { 0.0 };
+            }
+            // A step far too long leaves where there is an answer: its error is no number.
+            let factor = if error.is_nan() { 0.2 } else { 0.9 * error.powf(-0.2) };
+            *step = h * factor.clamp(0.2, 4.0);
+            ensure!(*step > STEPS.1, "the specimen is no longer stable");
+        }
+        Ok(state)
+    }
+
+    /// One step of the classical Runge–Kutta method.
+    fn runge_kutta(&self, state: &State, step: f64) -> Result<State> {
         let k1 = self.rate(state)?;
         let k2 = self.rate(&(state + k1 * (0.5 * step)))?;
         let k3 = self.rate(&(state + k2 * (0.5 * step)))?;

@@ -66,29 +66,48 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn score(cases: &[Scored]) -> Result<()> {
-    let mut table = TableWriter::create(None, &["what", "cases", "right", "wrong_effect", "withheld_judgement", "wrong_above_0.9"])?;
+    let mut table = TableWriter::create(
+        None,
+        &["what", "cases", "right", "wrong_effect", "withheld_judgement", "wrong_above_0.9"],
+    )?;
     let single = |case: &Scored| !case.withheld && case.truth != "none" && !case.truth.contains('+');
     type Choice<'a> = (String, Box<dyn Fn(&Scored) -> bool + 'a>);
     let mut choices: Vec<Choice<'_>> = vec![
         ("none".to_owned(), Box::new(|case: &Scored| case.truth == "none")),
         ("one, visibility >= 1".to_owned(), Box::new(move |c: &Scored| single(c) && c.visibility >= 1.0)),
-        ("one, 0.5 to 1".to_owned(), Box::new(move |c: &Scored| single(c) && (0.5..1.0).contains(&c.visibility))),
+        (
+            "one, 0.5 to 1".to_owned(),
+            Box::new(move |c: &Scored| single(c) && (0.5..1.0).contains(&c.visibility)),
+        ),
         ("one, below 0.5".to_owned(), Box::new(move |c: &Scored| single(c) && c.visibility < 0.5)),
         ("two, both >= 1".to_owned(), Box::new(|c: &Scored| c.truth.contains('+') && c.least >= 1.0)),
-        ("two, both 0.5 to 1".to_owned(), Box::new(|c: &Scored| c.truth.contains('+') && (0.5..1.0).contains(&c.least))),
+        (
+            "two, both 0.5 to 1".to_owned(),
+            Box::new(|c: &Scored| c.truth.contains('+') && (0.5..1.0).contains(&c.least)),
+        ),
         ("two, one below 0.5".to_owned(), Box::new(|c: &Scored| c.truth.contains('+') && c.least < 0.5)),
         ("no candidate, >= 2".to_owned(), Box::new(|c: &Scored| c.withheld && c.visibility >= 2.0)),
-        ("no candidate, 1 to 2".to_owned(), Box::new(|c: &Scored| c.withheld && (1.0..2.0).contains(&c.visibility))),
+        (
+            "no candidate, 1 to 2".to_owned(),
+            Box::new(|c: &Scored| c.withheld && (1.0..2.0).contains(&c.visibility)),
+        ),
         ("no candidate, below 1".to_owned(), Box::new(|c: &Scored| c.withheld && c.visibility < 1.0)),
     ];
-    let mut names: Vec<String> = cases.iter().filter(|c| single(c) || c.withheld).map(|c| c.truth.clone()).collect();
+    let mut names: Vec<String> =
+        cases.iter().filter(|c| single(c) || c.withheld).map(|c| c.truth.clone()).collect();
     names.sort();
     names.dedup();
     for name in names {
         let own = name.clone();
-        choices.push((format!("{name}, >= 1"), Box::new(move |c: &Scored| single(c) && c.truth == own && c.visibility >= 1.0)));
+        choices.push((
+            format!("{name}, >= 1"),
+            Box::new(move |c: &Scored| single(c) && c.truth == own && c.visibility >= 1.0),
+        ));
         let own = name.clone();
-        choices.push((format!("{name} no candidate, >= 2"), Box::new(move |c: &Scored| c.withheld && c.truth == own && c.visibility >= 2.0)));
+        choices.push((
+            format!("{name} no candidate, >= 2"),
+            Box::new(move |c: &Scored| c.withheld && c.truth == own && c.visibility >= 2.0),
+        ));
     }
     for (name, choose) in &choices {
         let chosen: Vec<&Scored> = cases.iter().filter(|case| choose(case)).collect();
@@ -102,7 +121,8 @@ fn score(cases: &[Scored]) -> Result<()> {
         table.text(&format!("stated {stated:.3}")).number(right.all as f64).number(right.of as f64);
         table.text("-").text("-").text("-").end_row()?;
     }
-    let seen: Vec<Scored> = cases.iter().filter(|c| c.truth == "none" || c.visibility >= 0.5).cloned().collect();
+    let seen: Vec<Scored> =
+        cases.iter().filter(|c| c.truth == "none" || c.visibility >= 0.5).cloned().collect();
     for (name, cases) in [("all", cases), ("visible or none", &seen)] {
         table.text(&format!("calibration error, {name}: {:.4}", calibration_error(cases)));
         table.number(cases.len() as f64).text("-").text("-").text("-").text("-").end_row()?;

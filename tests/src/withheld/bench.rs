@@ -110,7 +110,12 @@ impl Bench {
     ///
     /// # Errors
     /// If a run fails.
-    pub fn design(&self, without: Option<&str>, runs_an_input: usize, seed: u64) -> Result<(Samples, Ensemble)> {
+    pub fn design(
+        &self,
+        without: Option<&str>,
+        runs_an_input: usize,
+        seed: u64,
+    ) -> Result<(Samples, Ensemble)> {
         let prior = self.prior_without(without);
         let inputs = prior.parameters().len();
         let count = runs_an_input * inputs;

@@ -33,7 +33,9 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
     let mut finest: Vec<Vec<f64>> = measurements[0].values.clone();
     finest.iter_mut().flatten().for_each(|sd| *sd = f64::INFINITY);
     for measurement in &measurements {
-        for (finest, noise) in finest.iter_mut().zip(measurement.noise(&ByName::default())?.into_iter().flatten()) {
+        for (finest, noise) in
+            finest.iter_mut().zip(measurement.noise(&ByName::default())?.into_iter().flatten())
+        {
             finest.iter_mut().zip(noise).for_each(|(finest, sd)| *finest = finest.min(sd));
         }
     }
@@ -52,11 +54,15 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
         eprintln!("fit {without} {:.1}s comps {}", clock.elapsed().as_secs_f64(), emulator.basis().ncols());
         let x = vec![0.4; prior.parameters().len()];
         let clock = std::time::Instant::now();
-        for _ in 0..100 { std::hint::black_box(emulator.predict_scores(&x)); }
-        eprintln!("predict {:.1}us", clock.elapsed().as_secs_f64()*1e4);
+        for _ in 0..100 {
+            std::hint::black_box(emulator.predict_scores(&x));
+        }
+        eprintln!("predict {:.1}us", clock.elapsed().as_secs_f64() * 1e4);
         let clock = std::time::Instant::now();
-        for _ in 0..100 { std::hint::black_box(emulator.mean_scores(&x)); }
-        eprintln!("mean {:.1}us", clock.elapsed().as_secs_f64()*1e4);
+        for _ in 0..100 {
+            std::hint::black_box(emulator.mean_scores(&x));
+        }
+        eprintln!("mean {:.1}us", clock.elapsed().as_secs_f64() * 1e4);
         emulators.insert(without.to_owned(), (prior, emulator));
     }
     let verdicts = (0..list.len())

@@ -24,8 +24,10 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
     let parameters = bench.prior.parameters();
     let mut best: Option<Fit> = None;
     for place in [None, Some(0.5)] {
-        let mut z: Vec<f64> =
-            free.iter().map(|&j| place.unwrap_or(parameters[j].coordinate(start[j])).clamp(0.0, 1.0)).collect();
+        let mut z: Vec<f64> = free
+            .iter()
+            .map(|&j| place.unwrap_or(parameters[j].coordinate(start[j])).clamp(0.0, 1.0))
+            .collect();
         let values = |z: &[f64]| {
             let mut values = start.to_vec();
             for (&j, &z) in free.iter().zip(z) {
@@ -35,9 +37,10 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
         };
         let residual = |z: &[f64]| -> Result<DVector<f64>> {
             let curves = bench.simulate(&values(z))?;
-            let white = curves.iter().zip(target).zip(noise).flat_map(|((curve, target), sd)| {
-                curve.iter().zip(target).map(move |(y, t)| (t - y) / sd)
-            });
+            let white =
+                curves.iter().zip(target).zip(noise).flat_map(|((curve, target), sd)| {
+                    curve.iter().zip(target).map(move |(y, t)| (t - y) / sd)
+                });
             Ok(DVector::from_iterator(target.iter().map(Vec::len).sum(), white))
         };
         let mut r = residual(&z)?;
@@ -57,7 +60,8 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
                     damped[(k, k)] += damping * (square[(k, k)] + 1e-9);
                 }
                 let step = Cholesky::new(damped).context("a curve that nothing changes")?.solve(&slope);
-                let next: Vec<f64> = z.iter().zip(step.iter()).map(|(z, s)| (z + s).clamp(0.0, 1.0)).collect();
+                let next: Vec<f64> =
+                    z.iter().zip(step.iter()).map(|(z, s)| (z + s).clamp(0.0, 1.0)).collect();
                 let there = residual(&next)?;
                 if there.norm_squared() < r.norm_squared() {
                     let gained = 1.0 - there.norm_squared() / r.norm_squared();

@@ -131,12 +131,9 @@ fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
         }
         sum / (noisy.len() * noisy[0].len()) as f64
     };
-    let floor = noisy
-        .iter()
-        .zip(&noise)
-        .map(|(seen, sd)| (sd / gl::observations::range(seen)).powi(2))
-        .sum::<f64>()
-        / noisy.len() as f64;
+    let floor =
+        noisy.iter().zip(&noise).map(|(seen, sd)| (sd / gl::observations::range(seen)).powi(2)).sum::<f64>()
+            / noisy.len() as f64;
     let above = |curves: &[Vec<f64>]| (gap(curves) - floor).max(0.0);
     let shrink =
         if above(&before.curves) > 0.0 { 1.0 - above(&after.curves) / above(&before.curves) } else { 0.0 };

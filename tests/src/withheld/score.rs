@@ -103,8 +103,7 @@ pub fn reliability(cases: &[Scored]) -> Vec<(f64, Share)> {
             let inside = |case: &&Scored| ((case.probability * 10.0) as usize).min(9) == bin;
             let members: Vec<&Scored> = cases.iter().filter(inside).collect();
             let stated = members.iter().map(|case| case.probability).sum::<f64>() / members.len() as f64;
-            (!members.is_empty())
-                .then(|| (stated, Share::count(members.iter().copied(), Scored::is_right)))
+            (!members.is_empty()).then(|| (stated, Share::count(members.iter().copied(), Scored::is_right)))
         })
         .collect()
 }

@@ -29,13 +29,13 @@ struct Args {
     #[arg(long, default_value_t = Contact::RADIUS)]
     radius: f64,
     /// Tangential over normal displacement at the deepest step
-    #[arg(long, default_value_t = Contact::SHEAR)]
+    #[arg(long, default_value_t = Contact::SHEAR, allow_negative_numbers = true)]
     shear: f64,
     /// Deepest overlap, m
     #[arg(long, default_value_t = Contact::OVERLAP, conflicts_with = "observations")]
     overlap: f64,
     /// Number of steps
-    #[arg(long, default_value_t = Contact::STEPS, conflicts_with = "observations")]
+    #[arg(long, default_value_t = Contact::STEPS, value_parser = world_shell::steps, conflicts_with = "observations")]
     steps: usize,
     /// Speed, m/s
     #[arg(long, default_value_t = Contact::SPEED)]

@@ -77,7 +77,11 @@ fn run(args: &Args) -> Result<()> {
     let options = Options { seed: args.seed, ..Options::default() };
     let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
     if emulator.missing() > 0 {
-        note(format_args!("{} of {} samples have no run and are left out", emulator.missing(), samples.len()));
+        note(format_args!(
+            "{} of {} samples have no run and are left out",
+            emulator.missing(),
+            samples.len()
+        ));
     }
     let output = args.output.as_deref();
     match at {

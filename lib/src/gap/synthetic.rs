@@ -1,0 +1,66 @@
+//! Calibrations with a known answer, for tests.
+
+use rand::Rng;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::noise::Noise;
+use crate::ensemble::Ensemble;
+use crate::observations::Observations;
+
+/// The model a + b x + c x² of two observables on x in [0, 1], calibrated against a measurement.
+pub struct Case {
+    pub observations: Observations,
+    pub ensemble: Ensemble,
+    pub weights: Vec<f64>,
+    pub noise_sd: Vec<Vec<f64>>,
+}
+
+pub const PARAMETERS: usize = 3;
+
+pub fn model(theta: &[f64], steps: usize) -> Vec<Vec<f64>> {
+    let x = |step: usize| step as f64 / (steps - 1).max(1) as f64;
+    let curve =
+        |sign: f64| (0..steps).map(|t| theta[0] + sign * theta[1] * x(t) + theta[2] * x(t) * x(t)).collect();
+    vec![curve(1.0), curve(-0.5)]
+}
+
+/// `gap` is added to the model, noise of unit variance to that; `runs` runs over a prior `width` wide
+/// around the truth are weighed by their likelihood under white noise.
+pub fn case(seed: u64, gap: &[Vec<f64>], phi: f64, runs: usize, width: f64) -> Case {
+    let steps = gap[0].len();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let truth = [1.0, 10.0, 4.0];
+    let noise = Noise { sd: vec![1.0; steps], phi };
+    let mut values = model(&truth, steps);
+    for (values, gap) in values.iter_mut().zip(gap) {
+        let draw = noise.draw(&mut rng);
+        values.iter_mut().zip(gap).zip(draw).for_each(|((y, gap), noise)| *y += gap + noise);
+    }
+    let observations = Observations {
+        source: "obs".to_owned(),
+        control_name: "x".to_owned(),
+        control: (0..steps).map(|step| step as f64).collect(),
+        names: vec!["q".to_owned(), "n".to_owned()],
+        values,
+        sd: vec![None, None],
+    };
+    let mut ensemble = Ensemble::new(&observations, false);
+    let mut ln_weights = Vec::new();
+    for run in 0..runs {
+        let theta: Vec<f64> = truth.iter().map(|t| t + width * (rng.random::<f64>() - 0.5)).collect();
+        let curves = model(&theta, steps);
+        let misfit: f64 = observations
+            .values
+            .iter()
+            .flatten()
+            .zip(curves.iter().flatten())
+            .map(|(y, f)| (y - f).powi(2))
+            .sum();
+        ln_weights.push(-0.5 * misfit);
+        ensemble.push(&run.to_string(), &curves, None);
+    }
+    let weights = crate::statistics::normalised(&ln_weights).unwrap();
+    let noise_sd = vec![vec![1.0; steps]; 2];
+    Case { observations, ensemble, weights, noise_sd }
+}
