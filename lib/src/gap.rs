@@ -3,6 +3,8 @@
 
 pub mod adequacy;
 pub mod attribution;
+pub mod closure;
+pub mod confounding;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;

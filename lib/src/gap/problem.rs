@@ -132,6 +132,11 @@ impl<'a> Problem<'a> {
         self.path.control().len()
     }
 
+    /// Lower factor of the correlation of the components' errors, shape (components, components).
+    pub fn correlation(&self) -> &DMatrix<f64> {
+        &self.correlation
+    }
+
     /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of
     /// the discrepancy (in noise and scatter) of each observable, and the variances of the components.
     ///
