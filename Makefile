@@ -35,6 +35,13 @@ build:
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
 
+## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
+diagnose: OUT := out/$(notdir $(CASE))-diagnosis
+diagnose: build
+	@mkdir -p $(OUT)
+	@$(MAKE) --no-print-directory -s -f scripts/diagnose.mk CASE=$(CASE) ENGINE=$(ENGINE) OUT=$(OUT) $(OUT)/report.md
+	@echo "The report is $(OUT)/report.md"
+
 ## make install PREFIX=…            the tools and scripts into PREFIX/bin and PREFIX/share/gl
 install: build
 	@install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/gl
@@ -45,4 +52,4 @@ install: build
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate install clean
+.PHONY: help demo test build calibrate diagnose install clean

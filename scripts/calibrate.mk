@@ -5,28 +5,19 @@
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
 include $(CASE)/case.env
+include $(SCRIPTS)columns.mk
 
 I ?= 0
 D := $(OUT)/iter$(I)
 ALL := $(foreach i,$(shell seq 0 $(I)),$(OUT)/iter$(i))
 PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 
-# What the measurement calls the columns; gl-collect is also told what the runs call them.
-comma := ,
-measured = $(firstword $(subst =, ,$(1)))
-CONTROL_NAME := $(call measured,$(CONTROL))
-OBSERVABLE_NAMES := $(subst $() ,$(comma),$(foreach v,$(subst $(comma), ,$(OBSERVABLES)),$(call measured,$(v))))
-
-PARAMS := $(CASE)/params.txt
-OBS := $(CASE)/obs.txt
-ENGINE_MODEL := $(or $(MODEL_$(subst -,_,$(ENGINE))),$(MODEL))
 SEED ?= 0
 SAMPLING ?= slice
 ESS ?= 0.3
 MAX_FAILED ?= 0.5
 export CASE
 
-option = $(if $(2),$(1) $(2))
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
 MISFIT := $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
           $(call option,--steps,$(STEPS))
