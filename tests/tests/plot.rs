@@ -3,35 +3,35 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use tempfile::TempDir;
+use pipelines::folder::Folder;
+use pipelines::path_with_tools;
 
 const KINDS: [&str; 8] =
     ["fit", "posterior", "pairs", "history", "proposal", "emulator", "gap", "attribution"];
 
-/// The folder of the binaries that users run, beside which tests are built.
-fn binaries() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    test.parent().and_then(Path::parent).unwrap().to_owned()
-}
-
 /// A folder with tables, in which gl-plot runs.
-struct Folder(TempDir);
+struct Tables(Folder);
 
-impl Folder {
+impl Tables {
     fn with(tables: &[(&str, &str)]) -> Self {
-        let folder = Self(tempfile::tempdir().unwrap());
+        let folder = Folder::default();
         for (name, table) in tables {
-            fs::write(folder.0.path().join(name), table).unwrap();
+            folder.write(name, table);
         }
-        folder
+        Self(folder)
     }
 
     fn run(&self, arguments: &str) -> Output {
-        let mut command = Command::new(binaries().join("gl-plot"));
-        command.current_dir(self.0.path()).args(arguments.split_whitespace()).output().unwrap()
+        self.0.call(&format!("gl-plot {arguments}"), "")
+    }
+
+    /// What a shell makes of a script, with the tools in its PATH.
+    fn shell(&self, script: &str) -> Output {
+        let mut shell = Command::new("sh");
+        shell.args(["-e", "-c", script]).current_dir(self.0.path(".")).env("PATH", path_with_tools());
+        shell.output().unwrap()
     }
 
     /// The SVG that a call prints.
@@ -110,8 +110,8 @@ const ENSEMBLE: &str = "sample step u f q\na 0 0 0 5\na 1 1 0.9 5\na 2 2 1.8 7\n
 const WEIGHTS: &str = "sample E mu misfit error weight\na 1e11 0.3 4 0.1 0.25\nb 2e11 0.5 1 0.05 0.75\n";
 const PARAMS: &str = "name lower upper scale unit\nE 1e11 2e11 linear Pa\nmu 0.01 0.5 log -\n";
 
-fn calibration() -> Folder {
-    Folder::with(&[
+fn calibration() -> Tables {
+    Tables::with(&[
         ("obs.txt", OBSERVATIONS),
         ("ensemble.txt", ENSEMBLE),
         ("weights.txt", WEIGHTS),
@@ -137,22 +137,16 @@ fn many_weights(samples: usize, parameters: usize) -> String {
 
 #[test]
 fn every_example_in_the_help_runs() {
-    let shell = |script: &str, folder: &Path| {
-        let path = format!("{}:{}", binaries().display(), std::env::var("PATH").unwrap());
-        let output =
-            Command::new("sh").args(["-e", "-c", script]).current_dir(folder).env("PATH", path).output();
-        let output = output.unwrap();
-        assert!(output.status.success(), "{script}\n{}", String::from_utf8_lossy(&output.stderr));
-    };
     for kind in KINDS.into_iter().chain([""]) {
-        let folder = Folder::with(&[]);
+        let folder = Tables::with(&[]);
         let output = folder.run(&format!("{kind} --help"));
         let help = String::from_utf8(output.stdout).unwrap();
         let (_, example) = help.split_once("Example:\n").unwrap();
         let example = example.split("\n\n").next().unwrap();
-        shell(example, folder.0.path());
+        let output = folder.shell(example);
+        assert!(output.status.success(), "{example}\n{}", String::from_utf8_lossy(&output.stderr));
         let picture = if kind.is_empty() { "posterior" } else { kind };
-        check_svg(&fs::read_to_string(folder.0.path().join(format!("{picture}.svg"))).unwrap());
+        check_svg(&folder.0.read(&format!("{picture}.svg")));
     }
 }
 
@@ -210,11 +204,7 @@ fn several_tables_of_weights_become_rows_of_one_picture() {
 #[test]
 fn the_interval_of_a_summary_is_the_one_that_is_drawn() {
     let folder = calibration();
-    fs::write(
-        folder.0.path().join("summary.txt"),
-        "quantity value\nmean(E) 1.5e11\nq05(E) 1.1e11\nq95(E) 1.9e11\nmean(mu) 0.4\nq05(mu) 0.3\nq95(mu) 0.45\n",
-    )
-    .unwrap();
+    folder.0.write("summary.txt", "quantity value\nmean(E) 1.5e11\nq05(E) 1.1e11\nq95(E) 1.9e11\nmean(mu) 0.4\nq05(mu) 0.3\nq95(mu) 0.45\n");
     let interval = |svg: &str| -> f64 {
         let path = svg.split("<title>90 % interval</title>").nth(1).unwrap().split('"').nth(1).unwrap();
         let x = path
@@ -238,18 +228,23 @@ fn pairs_are_a_triangle_with_every_iteration() {
     let folder = calibration();
     for i in 0..2 {
         let table = format!("description E mu\ni{i}a 1.2e11 0.{}\ni{i}b 1.6e11 0.2\n", i + 1);
-        fs::write(folder.0.path().join(format!("samples{i}.txt")), table).unwrap();
+        folder.0.write(&format!("samples{i}.txt"), table);
     }
     let svg = folder
         .svg("pairs -w weights.txt -s samples0.txt -s samples1.txt -p params.txt --truth E=1.3e11,mu=0.2");
     assert_eq!(count(&svg, "panel"), 3);
     assert_eq!([series(&svg, "samples0"), series(&svg, "samples1"), series(&svg, "truth")], [1, 1, 3]);
     assert_eq!([series(&svg, "posterior"), series(&svg, "90 % of the posterior")], [4, 1]);
+    for i in [0, 3] {
+        folder.0.write(&format!("iter{i}/samples.txt"), format!("description E mu\na{i} 1.2e11 0.3\n"));
+    }
+    let svg = folder.svg("pairs -w weights.txt -s iter0/samples.txt -s iter3/samples.txt");
+    assert!(has_text(&svg, "iter0") && has_text(&svg, "iter3"));
 }
 
 #[test]
 fn a_history_shows_every_parameter_and_the_filter() {
-    let folder = Folder::with(&[
+    let folder = Tables::with(&[
         (
             "history.txt",
             "step sigma ess mean(E) mean(mu) cv(E) cv(mu)\n0 2 0.9 1e11 0.3 0.2 0.1\n1 2 0.5 1.2e11 0.35 0.1 0.05\n",
@@ -275,7 +270,7 @@ fn a_history_shows_every_parameter_and_the_filter() {
 fn an_emulator_is_held_against_the_runs() {
     let folder = calibration();
     let predicted = "sample step u f f_sd\na 0 0 0.1 0.1\na 1 1 0.8 0.1\na 2 2 2 0.1\na 3 1 1 0.1\n";
-    fs::write(folder.0.path().join("predicted.txt"), predicted).unwrap();
+    folder.0.write("predicted.txt", predicted);
     let svg = folder.svg("emulator -e ensemble.txt -v f predicted.txt");
     assert_eq!(count(&svg, "panel"), 2);
     // Errors 0.1, −0.1, 0.2, 0.1: √(0.07 / 4)
@@ -287,7 +282,7 @@ const GAP: &str = "observable from to gap gap_sd z share significant steps\nq 0 
 
 #[test]
 fn significant_stretches_of_a_gap_are_shaded() {
-    let folder = Folder::with(&[("gap.txt", GAP), ("after.txt", &GAP.replace("yes", "no"))]);
+    let folder = Tables::with(&[("gap.txt", GAP), ("after.txt", &GAP.replace("yes", "no"))]);
     let svg = folder.svg("gap -c strain --units strain=% gap.txt --after after.txt");
     assert_eq!(count(&svg, "panel"), 2);
     assert_eq!([series(&svg, "significant"), series(&svg, "stretch")], [1, 6]);
@@ -299,7 +294,7 @@ fn significant_stretches_of_a_gap_are_shaded() {
 #[test]
 fn the_gap_of_each_reading_is_shown_where_the_runs_are_given() {
     let folder = calibration();
-    fs::write(folder.0.path().join("gap.txt"), GAP).unwrap();
+    folder.0.write("gap.txt", GAP);
     let svg = folder.svg(
         "gap gap.txt -b obs.txt -e ensemble.txt -w weights.txt --noise f=0.1,q=0.2 \
          --after-ensemble ensemble.txt --after-weights weights.txt",
@@ -313,13 +308,13 @@ fn the_gap_of_each_reading_is_shown_where_the_runs_are_given() {
 #[test]
 fn where_the_control_turns_back_a_gap_is_drawn_along_the_steps() {
     let back = "observable from to gap gap_sd z share significant steps\nq 0 5 0 1 0.1 0 no 0:6\nq 4 0 3 1 6 1 yes 6:11\n";
-    let svg = Folder::with(&[("gap.txt", back)]).svg("gap -c strain gap.txt");
+    let svg = Tables::with(&[("gap.txt", back)]).svg("gap -c strain gap.txt");
     assert!(has_text(&svg, "step") && !has_text(&svg, "strain"));
 }
 
 #[test]
 fn an_attribution_has_a_bar_each_and_brackets_what_is_confounded() {
-    let folder = Folder::with(&[
+    let folder = Tables::with(&[
         (
             "attribution.txt",
             "hypothesis probability confounded_with\nnone 0.0004 -\nrolling 0.7 cohesion\noffset(q) 0.0996 -\ncohesion 0.2 rolling\n",
@@ -340,7 +335,7 @@ fn an_attribution_has_a_bar_each_and_brackets_what_is_confounded() {
 fn pictures_hold_at_one_and_eight_parameters_and_at_ten_and_ten_thousand_samples() {
     for parameters in [1, 2, 8] {
         for samples in [1, 10, 10_000] {
-            let folder = Folder::with(&[("weights.txt", &many_weights(samples, parameters))]);
+            let folder = Tables::with(&[("weights.txt", &many_weights(samples, parameters))]);
             for (kind, panels) in
                 [("posterior", 2 * parameters), ("pairs", parameters * (parameters + 1) / 2)]
             {
@@ -368,7 +363,7 @@ fn a_fit_of_ten_thousand_steps_stays_small() {
     }
     let weights = "sample misfit weight\na 1 0.5\nb 2 0.3\nc 3 0.2\n";
     let folder =
-        Folder::with(&[("obs.txt", &observations), ("ensemble.txt", &ensemble), ("weights.txt", weights)]);
+        Tables::with(&[("obs.txt", &observations), ("ensemble.txt", &ensemble), ("weights.txt", weights)]);
     let svg = folder.svg("fit -b obs.txt -w weights.txt ensemble.txt");
     assert!(svg.len() < 1_000_000, "{} bytes", svg.len());
 }
@@ -381,7 +376,7 @@ fn the_same_tables_give_the_same_bytes() {
             let name = format!("{name}.{end}");
             let output = folder.run(&format!("pairs -w weights.txt -p params.txt -o {name}"));
             assert!(output.status.success());
-            fs::read(folder.0.path().join(name)).unwrap()
+            fs::read(folder.0.path(&name)).unwrap()
         };
         assert_eq!(picture("one"), picture("two"));
     }
@@ -391,7 +386,7 @@ fn the_same_tables_give_the_same_bytes() {
 fn a_png_has_the_size_in_print_that_was_asked_for() {
     let folder = calibration();
     assert!(folder.run("fit -b obs.txt ensemble.txt --width 85 --dpi 254 -o fit.png").status.success());
-    let png = fs::read(folder.0.path().join("fit.png")).unwrap();
+    let png = fs::read(folder.0.path("fit.png")).unwrap();
     let number = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
     assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
     // 85 mm at 254 dots an inch, which are 10 dots a millimetre.
@@ -403,7 +398,7 @@ fn a_png_has_the_size_in_print_that_was_asked_for() {
 #[test]
 fn names_cannot_break_out_of_the_svg() {
     let weights = "sample a<b>&\"c weight\nx 1 0.5\ny 2 0.5\n";
-    let svg = Folder::with(&[("weights.txt", weights)]).svg("posterior -w weights.txt");
+    let svg = Tables::with(&[("weights.txt", weights)]).svg("posterior -w weights.txt");
     assert!(has_text(&svg, "a&lt;b&gt;&amp;&quot;c"));
 }
 
@@ -431,15 +426,13 @@ fn bad_input_says_what_would_be_right_and_writes_nothing() {
         ("drawing", "unrecognized"),
     ];
     for (arguments, expected) in cases {
-        let message = folder.error(arguments);
-        assert!(message.contains(expected), "{arguments}: {message}");
+        folder.0.refuses(&format!("gl-plot {arguments}"), &[expected]);
     }
-    assert!(!folder.0.path().join("fit.pdf").exists());
 }
 
 #[test]
 fn a_table_without_rows_is_an_error() {
-    let folder = Folder::with(&[
+    let folder = Tables::with(&[
         ("obs.txt", OBSERVATIONS),
         ("ensemble.txt", "sample step u f\n"),
         ("weights.txt", "sample a weight\n"),
@@ -469,14 +462,9 @@ fn a_table_without_rows_is_an_error() {
 #[test]
 fn a_full_disk_is_an_error_and_a_closed_pipe_is_not() {
     let folder = calibration();
-    let script = |script: &str| {
-        let tool = binaries().join("gl-plot");
-        let script = script.replace("PLOT", &tool.display().to_string());
-        Command::new("sh").args(["-c", &script]).current_dir(folder.0.path()).output().unwrap()
-    };
-    let output = script("PLOT fit -b obs.txt ensemble.txt > /dev/full");
+    let output = folder.shell("gl-plot fit -b obs.txt ensemble.txt > /dev/full");
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot be written"));
-    let output = script("(PLOT fit -b obs.txt ensemble.txt; echo $? > code) | true; cat code");
+    let output = folder.shell("(gl-plot fit -b obs.txt ensemble.txt; echo $? > code) | true; cat code");
     assert_eq!((output.stdout.as_slice(), output.stderr.as_slice()), (&b"0\n"[..], &b""[..]));
 }

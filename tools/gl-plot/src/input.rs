@@ -37,7 +37,10 @@ pub fn lightest_first(weight: &[f64]) -> Vec<usize> {
 
 /// The name of a table without its folder and ending.
 pub fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(|| "stdin".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    if path == Path::new("-") {
+        return "stdin".to_owned();
+    }
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// What is known about the parameters from `params.txt`: scales, bounds and units.

@@ -1,6 +1,6 @@
 //! Samples of every iteration, and what the posterior makes of each pair of parameters.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
@@ -188,11 +188,15 @@ impl Pairs {
         self.samples.iter().enumerate().map(cloud).collect()
     }
 
-    /// The file, where files have names of their own; else the iteration.
-    fn label(&self, i: usize, path: &std::path::Path) -> String {
-        let own = stem(path);
-        let shared = self.samples.iter().filter(|other| stem(other) == own).count() > 1;
-        if shared { format!("iteration {i}") } else { own }
+    /// What tells this file from the others: its name, or its folder's; else its place among them.
+    fn label(&self, i: usize, path: &Path) -> String {
+        let own = |name: fn(&Path) -> String| {
+            let label = name(path);
+            let shared = self.samples.iter().filter(|other| name(other) == label).count() > 1;
+            (!shared && !label.is_empty()).then_some(label)
+        };
+        let folder = |path: &Path| path.parent().map(stem).unwrap_or_default();
+        own(stem).or_else(|| own(folder)).unwrap_or_else(|| format!("iteration {i}"))
     }
 }
 
