@@ -57,7 +57,7 @@ exit_codes_and_time_limits_are_kept_with_either_engine() {
     needs yade yade yade-batch
     with_script
     for engine in run-local run-yade-batch; do
-        RUN_TIMEOUT=5 ends_with 0 "$engine" samples.txt model.py "$engine"
+        RUN_TIMEOUT=15 ends_with 0 "$engine" samples.txt model.py "$engine"
         same "$(cat "$engine"/r{0,1,2}.status)" $'0\n1\n124 TIMEOUT'
         grep -q 'ValueError: three' "$engine/r1.log"
         absent "$engine"/r1_sim.txt "$engine"/r2_sim.txt
