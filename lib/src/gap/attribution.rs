@@ -46,7 +46,7 @@ pub struct Attribution {
 }
 
 /// Prior odds that something is at work which is no candidate.
-const UNEXPLAINED_ODDS: f64 = 0.25;
+const UNEXPLAINED_ODDS: f64 = 0.5;
 
 /// Hypotheses within this of the most probable one (natural logarithm) are looked at more closely.
 const CLOSE: f64 = 5.0;
@@ -54,7 +54,7 @@ const MOST_CLOSE: usize = 4;
 
 /// Hypotheses further below the most probable one (natural logarithm, to second order about their
 /// modes) are out of the question, and their evidence is estimated coarsely.
-const HOPELESS: f64 = 20.0;
+const HOPELESS: f64 = 15.0;
 
 /// Weigh every set of up to `largest` candidates against the measurement.
 ///

@@ -35,6 +35,8 @@ const FREEDOM: usize = 6;
 /// Share of the proposal that is the prior itself.
 const DEFENSIVE: f64 = 0.05;
 const ROUNDS: usize = 12;
+/// Rounds at most where a hypothesis is out of the question.
+const COARSE_ROUNDS: usize = 2;
 
 /// Estimate the evidence of a model from its modes, to a standard error that is aimed at.
 ///
@@ -58,7 +60,7 @@ pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaC
     let mut ln_proposed: Vec<f64> = Vec::new();
     let (mut ln, mut error) = (f64::NEG_INFINITY, f64::INFINITY);
     let mut ln_weights = Vec::new();
-    for round in 0..ROUNDS {
+    for round in 0..if aim < COARSE { ROUNDS } else { COARSE_ROUNDS } {
         let Some(latest) = proposals.last() else { break };
         for (sample, ln_q) in samples.iter().zip(&mut ln_proposed) {
             if round > 0 {
@@ -261,7 +263,7 @@ mod tests {
         let mut covariance = DMatrix::identity(STEPS, STEPS) * noise * noise;
         for (i, variance) in smooth.variances.iter().enumerate() {
             let pattern = smooth.patterns.column(i).into_owned();
-            covariance.ger(0.01 * noise * noise * variance, &pattern, &pattern, 1.0);
+            covariance.ger(0.15 * 0.15 * noise * noise * variance, &pattern, &pattern, 1.0);
         }
         for (pattern, sd) in patterns {
             let pattern = DVector::from_column_slice(pattern);

@@ -48,7 +48,11 @@ pub struct Problem<'a> {
 
 /// The smooth discrepancy that every hypothesis is granted, as a share of noise and scatter: no
 /// model is exact.
-const SMALL: f64 = 0.1;
+const SMALL: f64 = 0.15;
+
+/// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
+/// the normal distribution.
+const HEAVY_TAILS: f64 = 2.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
@@ -168,7 +172,7 @@ impl<'a> Problem<'a> {
         let mut variances: Vec<f64> = component_variance
             .iter()
             .zip(&self.component_scatter)
-            .map(|(variance, scatter)| variance.max(0.0) + self.scatter * scatter)
+            .map(|(variance, scatter)| HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
             .collect();
         for j in 0..self.ranges.len() {
             let unit = self.spread(j, noise).powi(2);

@@ -48,21 +48,8 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
         let left_out = (without != "-").then_some(without);
         let (samples, ensemble) = bench.design(left_out, runs_an_input, seed)?;
         let prior = bench.prior_without(left_out);
-        let options = Options { noise: Some(finest.clone()), ..Options::default() };
-        let clock = std::time::Instant::now();
+        let options = Options { noise: Some(finest.clone()), max_components: 20, ..Options::default() };
         let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
-        eprintln!("fit {without} {:.1}s comps {}", clock.elapsed().as_secs_f64(), emulator.basis().ncols());
-        let x = vec![0.4; prior.parameters().len()];
-        let clock = std::time::Instant::now();
-        for _ in 0..100 {
-            std::hint::black_box(emulator.predict_scores(&x));
-        }
-        eprintln!("predict {:.1}us", clock.elapsed().as_secs_f64() * 1e4);
-        let clock = std::time::Instant::now();
-        for _ in 0..100 {
-            std::hint::black_box(emulator.mean_scores(&x));
-        }
-        eprintln!("mean {:.1}us", clock.elapsed().as_secs_f64() * 1e4);
         emulators.insert(without.to_owned(), (prior, emulator));
     }
     let verdicts = (0..list.len())
