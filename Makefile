@@ -8,6 +8,7 @@ PREFIX ?= /usr/local
 export PATH := $(CURDIR)/target/release:$(CURDIR)/scripts:$(PATH)
 export MAKE
 
+SHARE = $(DESTDIR)$(PREFIX)/share
 TOOLS := $(notdir $(wildcard tools/gl-*))
 
 help:
@@ -42,14 +43,26 @@ diagnose: build
 	@$(MAKE) --no-print-directory -s -f scripts/diagnose.mk CASE=$(CASE) ENGINE=$(ENGINE) OUT=$(OUT) $(OUT)/report.md
 	@echo "The report is $(OUT)/report.md"
 
-## make install PREFIX=…            the tools and scripts into PREFIX/bin and PREFIX/share/gl
-install: build
-	@install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/gl
+## make man                         manual pages and completions, in out/man
+man: build
+	@mkdir -p out/man
+	@for tool in $(TOOLS); do for kind in man bash zsh fish; do \
+	     $$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; done
+
+## make install PREFIX=…            tools, scripts, examples, manual pages and completions
+install: man
+	@install -d $(SHARE)/gl $(SHARE)/man/man1 $(SHARE)/bash-completion/completions $(SHARE)/zsh/site-functions \
+	 $(SHARE)/fish/vendor_completions.d $(DESTDIR)$(PREFIX)/bin
 	@install $(TOOLS:%=target/release/%) $(DESTDIR)$(PREFIX)/bin
-	@cp -r scripts examples $(DESTDIR)$(PREFIX)/share/gl
+	@cp -r scripts examples $(SHARE)/gl
+	@for tool in $(TOOLS); do \
+	     install -m 644 out/man/$$tool.1 $(SHARE)/man/man1/; \
+	     install -m 644 out/man/$$tool.bash $(SHARE)/bash-completion/completions/$$tool; \
+	     install -m 644 out/man/$$tool.zsh $(SHARE)/zsh/site-functions/_$$tool; \
+	     install -m 644 out/man/$$tool.fish $(SHARE)/fish/vendor_completions.d/; done
 
 ## make clean                       what calibrations wrote; the build stays
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate diagnose install clean
+.PHONY: help demo test build calibrate diagnose man install clean
