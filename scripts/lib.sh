@@ -14,7 +14,8 @@ die() { say "$*"; exit 2; }
 usage() { sed -n '2,/^$/s/^# \{0,1\}//p' "$0"; }
 
 # arguments "$@": the call that all engines share, SAMPLES MODEL DIR.
-# Sets and exports what run-row reads: GL_TABLE, GL_MODEL, GL_DIR and CASE, all absolute.
+# Sets and exports what run-row reads: GL_TABLE, GL_MODEL, GL_DIR and CASE, with absolute paths; and
+# TABLE, the text of the table, for open_dir.
 arguments() {
     case ${1-} in -h | --help) usage; exit 0 ;; esac
     [ $# -eq 3 ] || die "needs SAMPLES MODEL DIR; see $ME --help"
@@ -23,21 +24,25 @@ arguments() {
         die "$SAMPLES: no such samples table; gl-sample writes one"
     fi
     CASE=$(cd "${CASE:-.}" && pwd) || die "CASE: no such folder"
-    local table
-    table=$(canonical_table "$SAMPLES") || exit 2
-    check_model "$2" "$table"
+    TABLE=$(canonical_table "$SAMPLES") || exit 2
+    check_model "$2"
     mkdir -p "$3" || die "$3: cannot be made"
     GL_DIR=$(cd "$3" && pwd)
     GL_TABLE=$GL_DIR/.run/samples.txt
     export CASE GL_TABLE GL_MODEL GL_DIR
     # Yade scripts import gl_yade from here.
     export PYTHONPATH=$HERE${PYTHONPATH:+:$PYTHONPATH}
+}
 
+# Take DIR for this engine: nothing else runs there any more, so that what is left in .run belongs to
+# runs that were killed.
+open_dir() {
     lock_dir
-    # Nothing runs here now: what is left in .run belongs to runs that were killed.
+    [ ! -e "$GL_DIR/.run/jobs" ] ||
+        die "$GL_DIR: $(cat "$GL_DIR/.run/engine") has runs in the queue; call it again to wait for them"
     rm -rf "$GL_DIR/.run"
     mkdir "$GL_DIR/.run"
-    printf '%s\n' "$table" >"$GL_TABLE"
+    printf '%s\n' "$TABLE" >"$GL_TABLE"
 }
 
 # Hold DIR until the last process that was started for it has ended. A model that outlives a killed
@@ -130,10 +135,10 @@ canonical_table() {
     ' <"$1"
 }
 
-# missing_rows: line numbers, in GL_TABLE, of the rows whose run is not complete. Complete is: both
-# files are there, the simulation has rows and a newline at its end, and the parameters are the row's.
+# missing_rows all|LINE...: line numbers, in GL_TABLE, of those rows whose run is not complete. Complete is: both files are there, the simulation has rows and a newline at its end, and
+# the parameters are the row's.
 missing_rows() {
-    DIR=$GL_DIR awk -F '\t' '
+    DIR=$GL_DIR LINES_TO_CHECK=$* awk -F '\t' '
         function slurp(path,    text) {
             if ((getline text < path) <= 0) text = ""
             close(path)
@@ -162,16 +167,20 @@ missing_rows() {
             }
             return 1
         }
+        BEGIN {
+            all = ENVIRON["LINES_TO_CHECK"] == "all"
+            for (j = split(ENVIRON["LINES_TO_CHECK"], wanted, " "); j; j--) check[wanted[j]]
+        }
         NR == 1 {
             columns = NF
             for (j = 1; j <= NF; j++) { name[j] = $j; if ($j == "description") description = j }
             next
         }
-        { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description }
+        all || NR in check { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description }
         END {
             RS = "\001"  # a whole file is one record
             for (i = 2; i <= NR; i++)
-                if (!has_rows(slurp(base[i] "_sim.txt")) || !has_parameters(slurp(base[i] "_param.txt"), row[i]))
+                if (i in row && (!has_rows(slurp(base[i] "_sim.txt")) || !has_parameters(slurp(base[i] "_param.txt"), row[i])))
                     print i
         }
     ' "$GL_TABLE"
@@ -189,7 +198,7 @@ read_row() {
     description=${cell[description]}
 }
 
-# check_model MODEL TABLE: sets GL_MODEL, or dies, before anything has run.
+# check_model MODEL: sets GL_MODEL, or dies, before anything has run.
 check_model() {
     local names placeholder program
     GL_MODEL=$1
@@ -200,7 +209,7 @@ check_model() {
         return
     fi
     xargs printf '%s\0' <<<"$GL_MODEL" >/dev/null 2>&1 || die "MODEL: a quote is not closed: $GL_MODEL"
-    names=${2%%$'\n'*}
+    names=${TABLE%%$'\n'*}
     names=" ${names//$'\t'/ } dir case "
     while read -r placeholder; do
         [[ $names == *" $placeholder "* ]] ||
@@ -241,7 +250,7 @@ report() {
         else
             untried=$((untried + 1))
         fi
-    done < <(missing_rows)
+    done < <(missing_rows all)
     say "$rows rows: $((rows - tried)) complete before, $((tried - failed - untried)) run, $failed failed${names:+:$names}"
     rm -rf "$GL_DIR/.run"
     [ "$untried" -eq 0 ] || { say "$untried rows were not tried; call again to go on"; return 1; }

@@ -1,11 +1,26 @@
-//! The gap that is left after calibration: where it lies, and how far it closes.
+//! The gap that is left after calibration: where it lies, which effect explains it, and how far it
+//! closes.
 
+pub mod adequacy;
+pub mod attribution;
+pub mod discrepancy;
+pub mod evidence;
+pub mod gaussian;
 mod hat;
+pub mod hypothesis;
 pub mod locate;
+pub mod measurement;
+pub mod mode;
+pub mod model;
 pub mod noise;
+pub mod path;
 mod precision;
+pub mod predictor;
+pub mod problem;
 pub mod residual;
 mod scatter;
 pub mod shrink;
 #[cfg(test)]
 mod synthetic;
+#[cfg(test)]
+mod synthetic_world;

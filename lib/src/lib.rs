@@ -5,15 +5,22 @@
 //! | step of the work | modules |
 //! | --- | --- |
 //! | what may vary, and which samples to run | [`prior`], [`sequence`], [`design`], [`samples`] |
-//! | what was measured, what the runs gave | [`observations`], [`ensemble`] |
-//! | weights and what they say | [`statistics`] |
+//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`] |
+//! | how far each run is from the measurement | [`misfit`] |
+//! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
+//! | the next samples | [`mixture`], [`proposal`], [`resample`] |
+//! | runs that were never made | [`emulator`] |
+//! | what the best calibration still misses, and why | [`gap`] |
+//! | simulators of known physics | [`world`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
 
 pub mod alignment;
 pub mod cli;
 pub mod collect;
+pub mod density;
 pub mod design;
+pub mod emulator;
 pub mod ensemble;
 pub mod filter;
 pub mod gap;
@@ -31,5 +38,6 @@ pub mod stop;
 pub mod summary;
 pub mod table;
 pub mod weights;
+pub mod world;
 
 pub use anyhow::Result;

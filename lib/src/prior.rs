@@ -311,14 +311,13 @@ impl Parameter {
             - (above - below).ln()
     }
 
-    /// Standard deviation of the prior in coordinates, in (0, 0.29].
-    pub fn coordinate_sd(&self) -> f64 {
-        // Midpoints: exact enough for what it decides, and the same for every prior.
-        let n = 2000;
-        let points: Vec<f64> =
-            (0..n).map(|i| self.coordinate(self.quantile((f64::from(i) + 0.5) / f64::from(n)))).collect();
-        let mean = points.iter().sum::<f64>() / f64::from(n);
-        (points.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / f64::from(n)).sqrt()
+    /// Standard deviation of the prior, in the parameter's own unit.
+    pub fn sd(&self) -> f64 {
+        // By midpoints: exact enough for what it decides, and the same for every prior.
+        const POINTS: u32 = 2000;
+        let n = f64::from(POINTS);
+        let values: Vec<f64> = (0..POINTS).map(|i| self.quantile((f64::from(i) + 0.5) / n)).collect();
+        crate::statistics::sd(&values, &vec![1.0 / n; values.len()])
     }
 
     /// The bounds on the parameter's own scale.

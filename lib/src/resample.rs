@@ -54,7 +54,7 @@ pub struct Resampled {
 const STARTS: usize = 5;
 
 /// Draws that the size of the support is measured with.
-const TRIALS: usize = 1 << 15;
+const TRIALS: usize = 1 << 12;
 
 /// Fit a mixture to weighted samples and draw the next ones from it, inside the prior's support.
 ///

@@ -78,6 +78,9 @@ pub fn criteria(
 /// The best run misses by more than this share of the observables' range: the fit is bad.
 const BAD_ERROR: f64 = 0.1;
 
+/// A posterior that is less narrower than this than its prior has learned little.
+const BLIND: f64 = 0.3;
+
 /// What speaks against trusting a calibration, one sentence each.
 ///
 /// # Errors
@@ -89,6 +92,11 @@ pub fn doubts(summary: &Summary) -> Result<Vec<String>> {
     }
     if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
         doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));
+    }
+    for name in summary.names_of("shrinkage") {
+        if summary.find_number(&format!("shrinkage({name})"))?.is_some_and(|shrinkage| shrinkage < BLIND) {
+            doubts.push(format!("the measurement says little of {name}: it is about as uncertain as before"));
+        }
     }
     for name in summary.names_of("lean") {
         let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);

@@ -9,7 +9,7 @@ use clap::Parser;
 use gl::cli::note;
 use gl::filter::{Noise, Runs, Target, Weighting, weigh};
 use gl::misfit::Misfits;
-use gl::prior::Prior;
+use gl::prior::{Parameter, Prior};
 use gl::proposal::{Proposal, ln_balance_heuristic};
 use gl::samples::Samples;
 use gl::statistics::{ess_fraction, mean, sd};
@@ -37,6 +37,9 @@ struct Args {
     /// Effective sample size to reach, as a share of the runs
     #[arg(long, value_name = "SHARE", default_value_t = 0.3, conflicts_with = "sigma")]
     ess: f64,
+    /// Effective sample size to reach, as a number of runs; nine in ten runs at the most
+    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"])]
+    ess_runs: Option<f64>,
     /// Weigh at this sigma; noise is the posterior itself
     #[arg(long, value_name = "S|noise")]
     sigma: Option<Sigma>,
@@ -94,9 +97,12 @@ fn run(args: &Args) -> Result<()> {
     let values: Vec<Vec<f64>> = places.iter().map(|&i| samples.values[i].clone()).collect();
 
     let noise = noise(&runs, &misfits, &values);
-    let target = args.sigma.map_or(Target::Ess(args.ess), |sigma| sigma.0);
+    let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
+    let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
     let weighting = weigh(&runs, target, args.sigma_min.map(|sigma| sigma.0), noise)?;
     let errors = misfits.mean_error();
+    let prior = args.params.as_deref().map(Prior::read).transpose()?;
+    let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
     let evidence = Evidence {
         runs: &runs,
         weighting: &weighting,
@@ -105,7 +111,8 @@ fn run(args: &Args) -> Result<()> {
         errors: &errors,
         parameters: &samples.parameters,
         values: &values,
-        bounds: &bounds(args, &samples)?,
+        bounds: &bounds,
+        prior_sd: prior_sd.as_deref(),
         failed: samples.len() - misfits.len(),
     };
     let mut summary = evidence.summary()?;
@@ -170,19 +177,21 @@ fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> Noise {
     Noise::new(misfits.readings[best], varied)
 }
 
-/// Bounds of each parameter: those of its prior, or a little more than the range of its samples.
-fn bounds(args: &Args, samples: &Samples) -> Result<Vec<(f64, f64)>> {
-    let prior = args.params.as_deref().map(Prior::read).transpose()?;
+/// Bounds of each parameter, those of its prior or a little more than the range of its samples, and
+/// the standard deviations of the priors if they are known.
+fn bounds(prior: Option<&Prior>, samples: &Samples) -> (Vec<(f64, f64)>, Option<Vec<f64>>) {
+    let known = |name: &String| prior.into_iter().flat_map(Prior::parameters).find(|p| p.name == *name);
     let room = 1.0 / samples.len() as f64;
     let of = |(j, name): (usize, &String)| {
-        if let Some(p) = prior.iter().flat_map(Prior::parameters).find(|p| p.name == *name) {
+        if let Some(p) = known(name) {
             return (p.off.unwrap_or(p.lower).min(p.lower), p.off.unwrap_or(p.upper).max(p.upper));
         }
         let low = samples.values.iter().map(|row| row[j]).fold(f64::INFINITY, f64::min);
         let high = samples.values.iter().map(|row| row[j]).fold(f64::NEG_INFINITY, f64::max);
         (low - room * (high - low), high + room * (high - low))
     };
-    Ok(samples.parameters.iter().enumerate().map(of).collect())
+    let prior_sd = samples.parameters.iter().map(|name| known(name).map(Parameter::sd)).collect();
+    (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)
 }
 
 /// Say what a user should know before trusting the numbers.

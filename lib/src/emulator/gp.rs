@@ -1,0 +1,589 @@
+//! A Gaussian process with a mean function estimated by generalised least squares.
+//!
+//! y = H β + f + ε, with f a Gaussian process of covariance s² R, R the Matérn-5/2 correlation with a
+//! length an input, and ε independent of variance s² η: the scatter of the simulation itself. β is
+//! integrated over a flat prior (restricted likelihood, Harville 1974), s² is estimated.
+
+use anyhow::{Result, ensure};
+
+use super::cholesky::{Cholesky, Square, dot, upper_times_transpose};
+use super::kernel::ScaledPoints;
+
+/// The mean function.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mean {
+    /// Zero.
+    Zero,
+    /// A constant.
+    Constant,
+    /// A constant and a slope along each input.
+    Linear,
+}
+
+/// What training finds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hyperparameters {
+    /// Correlation length along each input.
+    pub lengths: Vec<f64>,
+    /// η, the variance of the scatter over that of the process.
+    pub nugget_ratio: f64,
+    /// s², the variance of the process; estimated from the readings if absent.
+    pub variance: Option<f64>,
+}
+
+/// Points with the mean function at them, shared by all outputs over the same points.
+#[derive(Clone, Debug)]
+pub struct Points {
+    /// Input-major, shape (inputs, points).
+    inputs: Vec<Vec<f64>>,
+    /// Inputs that the mean function has a slope along.
+    sloped: Vec<usize>,
+    has_constant: bool,
+    /// The mean function's terms at the points, shape (terms, points).
+    terms: Vec<Vec<f64>>,
+    n: usize,
+}
+
+impl Points {
+    /// Points from rows of inputs, shape (points, inputs).
+    ///
+    /// A slope along an input that the inputs before it determine at every point is left out.
+    ///
+    /// # Errors
+    /// If there are not at least two points more than terms in the mean function.
+    pub fn new(rows: &[Vec<f64>], mean: Mean) -> Result<Self> {
+        let n = rows.len();
+        let d = rows.first().map_or(0, Vec::len);
+        let inputs: Vec<Vec<f64>> = (0..d).map(|q| rows.iter().map(|row| row[q]).collect()).collect();
+        let has_constant = mean != Mean::Zero;
+        let mut terms: Vec<Vec<f64>> = Vec::new();
+        let mut sloped = Vec::new();
+        let mut basis: Vec<Vec<f64>> = Vec::new();
+        if has_constant {
+            terms.push(vec![1.0; n]);
+            basis.push(vec![1.0 / (n as f64).sqrt(); n]);
+        }
+        for q in (0..d).filter(|_| mean == Mean::Linear) {
+            let mut rest = inputs[q].clone();
+            for _ in 0..2 {
+                for known in &basis {
+                    let along = dot(known, &rest);
+                    rest.iter_mut().zip(known).for_each(|(x, k)| *x -= along * k);
+                }
+            }
+            let length = dot(&rest, &rest).sqrt();
+            if length > 1e-6 * dot(&inputs[q], &inputs[q]).sqrt() {
+                rest.iter_mut().for_each(|x| *x /= length);
+                basis.push(rest);
+                terms.push(inputs[q].clone());
+                sloped.push(q);
+            }
+        }
+        ensure!(
+            n >= terms.len() + 2,
+            "{n} points for a mean function of {} terms; at least {} are needed",
+            terms.len(),
+            terms.len() + 2
+        );
+        Ok(Self { inputs, sloped, has_constant, terms, n })
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.n
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.n == 0
+    }
+
+    /// Number of inputs.
+    pub fn dimension(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// The points of one input, shape (points,).
+    pub fn input(&self, q: usize) -> &[f64] {
+        &self.inputs[q]
+    }
+
+    /// The mean function's terms at another point, shape (terms,).
+    fn terms_at(&self, x: &[f64]) -> Vec<f64> {
+        let constant = self.has_constant.then_some(1.0);
+        constant.into_iter().chain(self.sloped.iter().map(|&q| x[q])).collect()
+    }
+}
+
+/// The factors of a covariance s² A, A = R + η I, with the mean function projected out of it.
+struct Factors {
+    scaled: ScaledPoints,
+    /// −2 dR/dr², lower half; empty if not asked for.
+    slopes: Square,
+    cholesky: Cholesky,
+    /// L⁻ᵀ.
+    upper_inverse: Square,
+    /// L⁻¹ H, shape (terms, points).
+    terms: Vec<Vec<f64>>,
+    /// Factor of Hᵀ A⁻¹ H, if the mean has terms.
+    information: Option<Cholesky>,
+    degrees: f64,
+}
+
+impl Factors {
+    fn new(points: &Points, lengths: &[f64], nugget_ratio: f64, with_slopes: bool) -> Result<Self> {
+        let n = points.n;
+        let scaled = ScaledPoints::new(&points.inputs, lengths);
+        let mut a = Square::zeros(n);
+        let mut slopes = Square::zeros(if with_slopes { n } else { 0 });
+        for i in 0..n {
+            let at = scaled.point(i);
+            let slope = with_slopes.then(|| &mut slopes.row_mut(i)[..=i]);
+            let row = &mut a.row_mut(i)[..=i];
+            scaled.correlate(&at, row, slope);
+            row[i] += nugget_ratio;
+        }
+        let cholesky = Cholesky::new(&a)?;
+        let mut terms = points.terms.clone();
+        terms.iter_mut().for_each(|term| cholesky.solve_lower(term));
+        let mut information = Square::zeros(terms.len());
+        for i in 0..terms.len() {
+            for j in 0..=i {
+                information.row_mut(i)[j] = dot(&terms[i], &terms[j]);
+            }
+        }
+        let information = (!terms.is_empty()).then(|| Cholesky::new(&information)).transpose()?;
+        let upper_inverse = cholesky.upper_inverse();
+        let degrees = (n - terms.len()) as f64;
+        Ok(Self { scaled, slopes, cholesky, upper_inverse, terms, information, degrees })
+    }
+
+    /// The estimate of β, and P y = A⁻¹ (y − H β).
+    fn residual(&self, y: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut rest = y.to_vec();
+        self.cholesky.solve_lower(&mut rest);
+        let mut beta: Vec<f64> = self.terms.iter().map(|term| dot(term, &rest)).collect();
+        if let Some(information) = &self.information {
+            information.solve(&mut beta);
+        }
+        for (term, beta) in self.terms.iter().zip(&beta) {
+            rest.iter_mut().zip(term).for_each(|(y, h)| *y -= beta * h);
+        }
+        self.cholesky.solve_upper(&mut rest);
+        (beta, rest)
+    }
+
+    /// P = A⁻¹ − A⁻¹ H (Hᵀ A⁻¹ H)⁻¹ Hᵀ A⁻¹, lower half.
+    fn projection(&self) -> Square {
+        let mut p = upper_times_transpose(&self.upper_inverse);
+        let Some(information) = &self.information else { return p };
+        // Rows of E = L_G⁻¹ Hᵀ A⁻¹, so that what is taken away is Eᵀ E.
+        let mut rows = self.terms.clone();
+        rows.iter_mut().for_each(|row| self.cholesky.solve_upper(row));
+        let n = p.n();
+        let mut column = vec![0.0; rows.len()];
+        for i in 0..n {
+            column.iter_mut().zip(&rows).for_each(|(c, row)| *c = row[i]);
+            information.solve_lower(&mut column);
+            rows.iter_mut().zip(&column).for_each(|(row, c)| row[i] = *c);
+        }
+        for i in 0..n {
+            let target = &mut p.row_mut(i)[..=i];
+            for row in &rows {
+                let at = row[i];
+                target.iter_mut().zip(row).for_each(|(p, e)| *p -= at * e);
+            }
+        }
+        p
+    }
+}
+
+/// Natural logarithm of the restricted marginal likelihood, and its gradient by the logarithms of
+/// the lengths and, last, of the nugget ratio, at the given or the estimated variance.
+///
+/// ln p = −½ ln|A| − ½ ln|Hᵀ A⁻¹ H| − ½ (n − p) ln(2π s²) − yᵀ P y / (2 s²), with
+/// P = A⁻¹ − A⁻¹ H (Hᵀ A⁻¹ H)⁻¹ Hᵀ A⁻¹ and s² = yᵀ P y / (n − p) unless it is given.
+///
+/// * `y` — readings, shape (points,).
+///
+/// # Errors
+/// If the covariance has no Cholesky factor.
+///
+/// # Source
+/// Rasmussen & Williams (2006), Gaussian Processes for Machine Learning, §2.7 and §5.4.1.
+pub fn ln_likelihood(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<(f64, Vec<f64>)> {
+    let factors = Factors::new(points, &hyper.lengths, hyper.nugget_ratio, true)?;
+    let (_, b) = factors.residual(y);
+    let square = dot(y, &b).max(f64::MIN_POSITIVE);
+    let variance = hyper.variance.unwrap_or(square / factors.degrees);
+    let value = -0.5 * factors.cholesky.ln_determinant()
+        - 0.5 * factors.information.as_ref().map_or(0.0, Cholesky::ln_determinant)
+        - 0.5 * factors.degrees * (std::f64::consts::TAU * variance).ln()
+        - 0.5 * square / variance;
+
+    let p = factors.projection();
+    let d = points.dimension();
+    let mut gradient = vec![0.0; d + 1];
+    let mut weights = vec![0.0; points.n];
+    for i in 0..points.n {
+        let (row, slopes) = (p.row(i), factors.slopes.row(i));
+        let scale = b[i] / variance;
+        gradient[d] += 0.5 * hyper.nugget_ratio * (b[i] * scale - row[i]);
+        for j in 0..i {
+            weights[j] = (b[j] * scale - row[j]) * slopes[j];
+        }
+        for (q, sum) in gradient[..d].iter_mut().enumerate() {
+            *sum += weighted_squares(&weights[..i], factors.scaled.input(q), factors.scaled.input(q)[i]);
+        }
+    }
+    Ok((value, gradient))
+}
+
+/// Σ wⱼ (xⱼ − at)².
+fn weighted_squares(weights: &[f64], x: &[f64], at: f64) -> f64 {
+    let (w, w_rest) = weights.as_chunks::<4>();
+    let (x, x_rest) = x[..weights.len()].as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for (w, x) in w.iter().zip(x) {
+        for l in 0..4 {
+            sums[l] += w[l] * (x[l] - at) * (x[l] - at);
+        }
+    }
+    sums.iter().sum::<f64>() + w_rest.iter().zip(x_rest).map(|(w, x)| w * (x - at) * (x - at)).sum::<f64>()
+}
+
+/// A Gaussian process conditioned on its readings.
+#[derive(Clone, Debug)]
+pub struct Gp {
+    points: Points,
+    lengths: Vec<f64>,
+    scaled: ScaledPoints,
+    variance: f64,
+    nugget_ratio: f64,
+    beta: Vec<f64>,
+    /// A⁻¹ (y − H β).
+    alpha: Vec<f64>,
+    /// L⁻ᵀ transposed back: rows of L⁻¹.
+    lower_inverse: Square,
+    /// L⁻¹ H, shape (terms, points).
+    terms: Vec<Vec<f64>>,
+    information: Option<Cholesky>,
+    left_out: LeftOut,
+}
+
+/// Leave-one-out predictions of each reading from all the others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Mean, shape (points,).
+    pub mean: Vec<f64>,
+    /// Variance of a reading, the nugget included, shape (points,).
+    pub variance: Vec<f64>,
+}
+
+impl Gp {
+    /// Condition on readings.
+    ///
+    /// * `y` — readings, shape (points,).
+    ///
+    /// # Errors
+    /// If the covariance has no Cholesky factor.
+    pub fn new(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<Self> {
+        let factors = Factors::new(points, &hyper.lengths, hyper.nugget_ratio, false)?;
+        let (beta, alpha) = factors.residual(y);
+        let variance = hyper.variance.unwrap_or(dot(y, &alpha) / factors.degrees).max(f64::MIN_POSITIVE);
+        let p = factors.projection();
+        let n = points.n;
+        let left_out = LeftOut {
+            mean: (0..n).map(|i| y[i] - alpha[i] / p.row(i)[i]).collect(),
+            variance: (0..n).map(|i| variance / p.row(i)[i]).collect(),
+        };
+        let mut lower_inverse = Square::zeros(n);
+        for i in 0..n {
+            for j in 0..=i {
+                lower_inverse.row_mut(i)[j] = factors.upper_inverse.row(j)[i];
+            }
+        }
+        let Factors { scaled, terms, information, .. } = factors;
+        Ok(Self {
+            points: points.clone(),
+            lengths: hyper.lengths.clone(),
+            scaled,
+            variance,
+            nugget_ratio: hyper.nugget_ratio,
+            beta,
+            alpha,
+            lower_inverse,
+            terms,
+            information,
+            left_out,
+        })
+    }
+
+    /// The hyperparameters, with the variance.
+    pub fn hyperparameters(&self) -> Hyperparameters {
+        let variance = Some(self.variance);
+        Hyperparameters { lengths: self.lengths.clone(), nugget_ratio: self.nugget_ratio, variance }
+    }
+
+    /// Variance of the scatter, s² η.
+    pub fn nugget(&self) -> f64 {
+        self.variance * self.nugget_ratio
+    }
+
+    /// Predictions of each reading from all the others, at the same hyperparameters and with the
+    /// mean function estimated anew: yᵢ − (P y)ᵢ / Pᵢᵢ, with variance s² / Pᵢᵢ.
+    ///
+    /// # Source
+    /// Rasmussen & Williams (2006), §5.4.2; with a mean function Dubrule (1983), Math. Geol. 15:687.
+    pub fn leave_one_out(&self) -> &LeftOut {
+        &self.left_out
+    }
+
+    /// Mean of the process at a point, shape (inputs,).
+    pub fn mean(&self, x: &[f64]) -> f64 {
+        self.mean_from(x, &self.correlations(x))
+    }
+
+    /// Mean and variance of the process at a point: the emulator's ignorance, without the nugget.
+    pub fn predict(&self, x: &[f64]) -> (f64, f64) {
+        let k = self.correlations(x);
+        (self.mean_from(x, &k), self.variance_from(x, &k))
+    }
+
+    /// Mean of the process at a point and its derivative by each input.
+    pub fn mean_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
+        let at = self.scale(x);
+        let (mut k, mut slope) = (vec![0.0; self.points.n], vec![0.0; self.points.n]);
+        self.scaled.correlate(&at, &mut k, Some(&mut slope));
+        slope.iter_mut().zip(&self.alpha).for_each(|(slope, alpha)| *slope *= alpha);
+        let total: f64 = slope.iter().sum();
+        let mut gradient: Vec<f64> = (0..at.len())
+            .map(|q| (dot(&slope, self.scaled.input(q)) - total * at[q]) / self.lengths[q])
+            .collect();
+        let first = usize::from(self.points.has_constant);
+        for (&q, beta) in self.points.sloped.iter().zip(&self.beta[first..]) {
+            gradient[q] += beta;
+        }
+        (self.mean_from(x, &k), gradient)
+    }
+
+    fn scale(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.lengths).map(|(x, length)| x / length).collect()
+    }
+
+    fn correlations(&self, x: &[f64]) -> Vec<f64> {
+        let mut k = vec![0.0; self.points.n];
+        self.scaled.correlate(&self.scale(x), &mut k, None);
+        k
+    }
+
+    fn mean_from(&self, x: &[f64], k: &[f64]) -> f64 {
+        dot(&self.points.terms_at(x), &self.beta) + dot(k, &self.alpha)
+    }
+
+    fn variance_from(&self, x: &[f64], k: &[f64]) -> f64 {
+        let v = lower_times(&self.lower_inverse, k);
+        let mut rest = self.points.terms_at(x);
+        rest.iter_mut().zip(&self.terms).for_each(|(h, term)| *h -= dot(term, &v));
+        if let Some(information) = &self.information {
+            information.solve_lower(&mut rest);
+        }
+        self.variance * (1.0 - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
+    }
+}
+
+/// L k for a lower triangle L.
+fn lower_times(lower: &Square, k: &[f64]) -> Vec<f64> {
+    (0..k.len()).map(|i| dot(&lower.row(i)[..=i], &k[..=i])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use serde_json::Value;
+
+    use super::*;
+
+    fn numbers(value: &Value) -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    }
+
+    fn rows(value: &Value) -> Vec<Vec<f64>> {
+        value.as_array().unwrap().iter().map(numbers).collect()
+    }
+
+    fn near(here: f64, there: f64, tolerance: f64) {
+        assert!((here - there).abs() <= tolerance * there.abs().max(1.0), "{here} is not {there}");
+    }
+
+    /// Readings of a smooth function of three inputs, the third of which does nothing.
+    fn example(n: usize) -> (Vec<Vec<f64>>, Vec<f64>) {
+        let row = |i: usize| -> Vec<f64> {
+            [0.754_877_666, 0.569_840_291, 0.430_159_709].iter().map(|a| (a * i as f64).fract()).collect()
+        };
+        let rows: Vec<_> = (1..=n).map(row).collect();
+        let y = rows.iter().map(|x: &Vec<f64>| (5.0 * x[0]).sin() + 3.0 * x[1] - x[0] * x[1]).collect();
+        (rows, y)
+    }
+
+    fn hyper(variance: Option<f64>) -> Hyperparameters {
+        Hyperparameters { lengths: vec![0.5, 0.8, 3.0], nugget_ratio: 1e-2, variance }
+    }
+
+    /// tests/oracle/gp.py: scikit-learn at fixed hyperparameters.
+    #[test]
+    fn likelihood_gradient_and_predictions_are_those_of_scikit_learn() {
+        let oracle: Value = serde_json::from_str(include_str!("../../../tests/oracle/gp.json")).unwrap();
+        let points = Points::new(&rows(&oracle["x"]), Mean::Zero).unwrap();
+        let y = numbers(&oracle["y"][0]);
+        for fit in oracle["fits"].as_array().unwrap() {
+            let (amplitude2, noise) = (fit["amplitude2"].as_f64().unwrap(), fit["noise"].as_f64().unwrap());
+            let hyper = Hyperparameters {
+                lengths: numbers(&fit["lengths"]),
+                nugget_ratio: noise / amplitude2,
+                variance: Some(amplitude2),
+            };
+            let (value, gradient) = ln_likelihood(&points, &y, &hyper).unwrap();
+            near(value, fit["ln_marginal_likelihood"].as_f64().unwrap(), 1e-8);
+            for (here, there) in gradient.iter().zip(&numbers(&fit["gradient"])[1..]) {
+                near(*here, *there, 1e-6);
+            }
+            let gp = Gp::new(&points, &y, &hyper).unwrap();
+            let (means, sds) = (numbers(&fit["mean"]), numbers(&fit["sd_latent"]));
+            for ((at, there), sd) in rows(&oracle["at"]).iter().zip(means).zip(sds) {
+                let (mean, variance) = gp.predict(at);
+                near(mean, there, 1e-8);
+                near(variance.sqrt(), sd, 1e-6);
+            }
+            let left_out = gp.leave_one_out();
+            for (here, there) in left_out.mean.iter().zip(numbers(&fit["loo_mean"])) {
+                near(*here, there, 1e-6);
+            }
+            for (here, there) in left_out.variance.iter().zip(numbers(&fit["loo_variance"])) {
+                near(*here, there, 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_the_difference_quotient_of_the_likelihood() {
+        let (rows, y) = example(25);
+        for mean in [Mean::Zero, Mean::Constant, Mean::Linear] {
+            let points = Points::new(&rows, mean).unwrap();
+            for variance in [None, Some(0.7)] {
+                let (_, gradient) = ln_likelihood(&points, &y, &hyper(variance)).unwrap();
+                for (q, derivative) in gradient.iter().enumerate() {
+                    let at = |step: f64| {
+                        let mut hyper = hyper(variance);
+                        match hyper.lengths.get_mut(q) {
+                            Some(length) => *length *= step.exp(),
+                            None => hyper.nugget_ratio *= step.exp(),
+                        }
+                        ln_likelihood(&points, &y, &hyper).unwrap().0
+                    };
+                    near(*derivative, (at(1e-5) - at(-1e-5)) / 2e-5, 1e-6);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn leaving_one_out_in_closed_form_is_leaving_it_out() {
+        let (rows, y) = example(20);
+        for mean in [Mean::Constant, Mean::Linear] {
+            let hyper = hyper(Some(1.3));
+            let gp = Gp::new(&Points::new(&rows, mean).unwrap(), &y, &hyper).unwrap();
+            for i in 0..rows.len() {
+                let (mut other_rows, mut other_y) = (rows.clone(), y.clone());
+                other_rows.remove(i);
+                other_y.remove(i);
+                let others = Gp::new(&Points::new(&other_rows, mean).unwrap(), &other_y, &hyper).unwrap();
+                let (mean, variance) = others.predict(&rows[i]);
+                near(gp.leave_one_out().mean[i], mean, 1e-9);
+                near(gp.leave_one_out().variance[i], variance + others.nugget(), 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_the_mean_are_its_difference_quotients() {
+        let (rows, y) = example(30);
+        let gp = Gp::new(&Points::new(&rows, Mean::Linear).unwrap(), &y, &hyper(None)).unwrap();
+        let at = vec![0.31, -0.2, 0.77];
+        let (mean, gradient) = gp.mean_gradient(&at);
+        near(mean, gp.mean(&at), 1e-14);
+        for (q, derivative) in gradient.iter().enumerate() {
+            let shifted = |step: f64| {
+                let mut x = at.clone();
+                x[q] += step;
+                gp.mean(&x)
+            };
+            near(*derivative, (shifted(1e-5) - shifted(-1e-5)) / 2e-5, 1e-7);
+        }
+    }
+
+    #[test]
+    fn a_linear_function_is_met_far_outside_the_points_with_a_linear_mean() {
+        let (rows, _) = example(12);
+        let y: Vec<f64> = rows.iter().map(|x| 2.0 - 3.0 * x[0] + 0.5 * x[2]).collect();
+        let gp = Gp::new(&Points::new(&rows, Mean::Linear).unwrap(), &y, &hyper(None)).unwrap();
+        near(gp.mean(&[10.0, 5.0, -4.0]), 2.0 - 30.0 - 2.0, 1e-8);
+    }
+
+    #[test]
+    fn inputs_that_follow_from_others_are_no_term_of_the_mean() {
+        let (mut rows, y) = example(15);
+        rows.iter_mut().for_each(|row| row[2] = 1.0 - row[0]);
+        let points = Points::new(&rows, Mean::Linear).unwrap();
+        assert_eq!(points.sloped, [0, 1]);
+        assert!(ln_likelihood(&points, &y, &hyper(None)).unwrap().0.is_finite());
+    }
+
+    proptest! {
+        #[test]
+        fn a_factor_inverts_and_its_determinant_scales(
+            n in 1_usize..23, seed in prop::collection::vec(-1.0_f64..1.0, 23 * 23)
+        ) {
+            // B Bᵀ + I, of which only the lower half is given.
+            let b = |i: usize, k: usize| seed[i * 23 + k];
+            let entry = |i: usize, j: usize| {
+                (0..n).map(|k| b(i, k) * b(j, k)).sum::<f64>() + f64::from(u8::from(i == j))
+            };
+            let (mut a, mut twice) = (Square::zeros(n), Square::zeros(n));
+            for i in 0..n {
+                for j in 0..=i {
+                    a.row_mut(i)[j] = entry(i, j);
+                    twice.row_mut(i)[j] = 2.0 * entry(i, j);
+                }
+            }
+            let cholesky = Cholesky::new(&a).unwrap();
+            prop_assert!(cholesky.jitter() == 0.0);
+            let twice = Cholesky::new(&twice).unwrap().ln_determinant();
+            prop_assert!((twice - cholesky.ln_determinant() - n as f64 * 2.0_f64.ln()).abs() < 1e-11);
+            let inverse = upper_times_transpose(&cholesky.upper_inverse());
+            let full = |i: usize, j: usize| inverse.row(i.max(j))[i.min(j)];
+            for i in 0..n {
+                let mut solved: Vec<f64> = (0..n).map(|j| entry(i, j)).collect();
+                cholesky.solve(&mut solved);
+                for j in 0..n {
+                    let unit = f64::from(u8::from(i == j));
+                    prop_assert!((solved[j] - unit).abs() < 1e-10);
+                    let product: f64 = (0..n).map(|k| entry(i, k) * full(k, j)).sum();
+                    prop_assert!((product - unit).abs() < 1e-10);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_singular_covariance_gets_a_jitter() {
+        let mut a = Square::zeros(3);
+        (0..3).for_each(|i| a.row_mut(i).fill(1.0));
+        let cholesky = Cholesky::new(&a).unwrap();
+        assert!(cholesky.jitter() > 0.0 && cholesky.jitter() < 1e-9);
+        let mut not_definite = Square::zeros(2);
+        not_definite.row_mut(0)[0] = 1.0;
+        not_definite.row_mut(1)[1] = -1.0;
+        assert!(Cholesky::new(&not_definite).is_err());
+    }
+}

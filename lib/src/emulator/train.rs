@@ -1,0 +1,123 @@
+//! The search for hyperparameters.
+
+use anyhow::{Context, Result};
+use rand::Rng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use super::gp::{Gp, Hyperparameters, Mean, Points, ln_likelihood};
+use super::minimise::{Stop, minimise};
+
+/// Lengths, in units of the range of an input. At the longest an input does nothing.
+const LENGTHS: (f64, f64) = (0.02, 100.0);
+
+/// Variance of the scatter over that of the process. The largest leave nothing but scatter.
+const NUGGET_RATIOS: (f64, f64) = (1e-8, 1e4);
+
+/// Lengths shorter than this are believed only with good reason: the prior is exp(−this/length),
+/// flat towards long lengths, so that irrelevant inputs get long ones.
+const SHORT_LENGTH: f64 = 0.1;
+
+/// Points that the search from many places is done on; its cost grows with their cube.
+const FIRST_POINTS: usize = 100;
+
+/// Points that are enough to know the lengths and the nugget.
+const MOST_POINTS: usize = 400;
+
+/// How to search.
+#[derive(Clone, Copy, Debug)]
+pub struct Search {
+    /// Mean function.
+    pub mean: Mean,
+    /// Number of places that the search starts from.
+    pub starts: usize,
+}
+
+/// Train a Gaussian process: the highest marginal likelihood, times a prior against short lengths.
+///
+/// The search starts from several places on up to 100 of the points, goes on from the best outcome on
+/// up to 400, and all of them are conditioned on.
+///
+/// * `rows` — inputs, shape (points, inputs).
+/// * `points` — the same, with their mean function.
+/// * `y` — readings, shape (points,).
+///
+/// # Errors
+/// If no start has a likelihood.
+pub fn train(
+    rows: &[Vec<f64>],
+    points: &Points,
+    y: &[f64],
+    search: Search,
+    generator: &mut ChaCha8Rng,
+) -> Result<Gp> {
+    let d = points.dimension();
+    let mut bounds = vec![(LENGTHS.0.ln(), LENGTHS.1.ln()); d];
+    bounds.push((NUGGET_RATIOS.0.ln(), NUGGET_RATIOS.1.ln()));
+
+    let mut starts = vec![vec![0.0; d + 1], vec![(0.5_f64).ln(); d + 1]];
+    starts[0][d] = (1e-2_f64).ln();
+    starts[1][d] = (1e-4_f64).ln();
+    while starts.len() < search.starts.max(1) {
+        let mut start: Vec<f64> =
+            (0..d).map(|_| generator.random_range(0.2_f64.ln()..5.0_f64.ln())).collect();
+        start.push(generator.random_range(1e-6_f64.ln()..1.0_f64.ln()));
+        starts.push(start);
+    }
+    starts.truncate(search.starts.max(1));
+
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.shuffle(generator);
+    let coarse = Stop { iterations: 40, decrease: 1e-2 };
+    let fine = Stop { iterations: 100, decrease: 1e-3 };
+    let some = |count: usize| -> Result<(Points, Vec<f64>)> {
+        let some_rows: Vec<Vec<f64>> = order[..count].iter().map(|&i| rows[i].clone()).collect();
+        Ok((Points::new(&some_rows, search.mean)?, order[..count].iter().map(|&i| y[i]).collect()))
+    };
+    if points.len() > FIRST_POINTS {
+        let (some, y) = some(FIRST_POINTS)?;
+        starts = vec![best(&some, &y, &starts, &bounds, coarse)?];
+    }
+    let theta = if points.len() > MOST_POINTS {
+        let (some, y) = some(MOST_POINTS)?;
+        best(&some, &y, &starts, &bounds, fine)?
+    } else {
+        best(points, y, &starts, &bounds, fine)?
+    };
+    Gp::new(points, y, &hyperparameters(&theta))
+}
+
+/// The best outcome of a search from each start.
+fn best(
+    points: &Points,
+    y: &[f64],
+    starts: &[Vec<f64>],
+    bounds: &[(f64, f64)],
+    stop: Stop,
+) -> Result<Vec<f64>> {
+    starts
+        .iter()
+        .filter_map(|start| minimise(|theta| objective(points, y, theta), start, bounds, stop))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(theta, _)| theta)
+        .context("no correlation lengths give a covariance with a Cholesky factor")
+}
+
+fn hyperparameters(theta: &[f64]) -> Hyperparameters {
+    let (nugget_ratio, lengths) =
+        theta.split_last().map_or((0.0, &[][..]), |(last, rest)| (last.exp(), rest));
+    Hyperparameters { lengths: lengths.iter().map(|l| l.exp()).collect(), nugget_ratio, variance: None }
+}
+
+/// Minus the logarithm of likelihood times prior, and its gradient.
+fn objective(points: &Points, y: &[f64], theta: &[f64]) -> Option<(f64, Vec<f64>)> {
+    let hyper = hyperparameters(theta);
+    let (value, gradient) = ln_likelihood(points, y, &hyper).ok()?;
+    let mut value = -value;
+    let mut gradient: Vec<f64> = gradient.iter().map(|g| -g).collect();
+    for (g, length) in gradient.iter_mut().zip(&hyper.lengths) {
+        value += SHORT_LENGTH / length;
+        *g -= SHORT_LENGTH / length;
+    }
+    value.is_finite().then_some((value, gradient))
+}

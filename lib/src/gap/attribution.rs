@@ -1,0 +1,149 @@
+//! Which effect explains the gap: the probability of every hypothesis.
+
+use anyhow::Result;
+use rayon::prelude::*;
+
+use crate::gap::adequacy::{INADEQUATE, predictive_probability};
+use crate::gap::evidence::{Evidence, evidence};
+use crate::gap::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::model::Model;
+use crate::gap::problem::Problem;
+use crate::statistics::ln_sum_exp;
+
+/// One hypothesis after the measurement.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// The candidates that are in.
+    pub hypothesis: Hypothesis,
+    /// `none`, or the names of the effects joined by `+`.
+    pub name: String,
+    /// Probability given the measurement; what does not fit has none.
+    pub probability: f64,
+    /// Its evidence and posterior.
+    pub evidence: Evidence,
+    /// Evidence with a further smooth discrepancy, where it was worth a look.
+    pub with_discrepancy: Option<f64>,
+    /// Predictive probability of a measurement as odd as this one, where it was worth a look.
+    pub fits: Option<f64>,
+}
+
+/// Every hypothesis after the measurement.
+#[derive(Clone, Debug)]
+pub struct Attribution {
+    /// All hypotheses, most probable first.
+    pub explanations: Vec<Explanation>,
+    /// Probability that something is at work which is no candidate.
+    pub unexplained: f64,
+    /// ln evidence of that: over all hypotheses that a smooth discrepancy was added to, by their
+    /// prior odds.
+    pub ln_unexplained: f64,
+    /// The most probable hypothesis before it was asked whether it fits, and whether something
+    /// further is at work.
+    pub nearest: String,
+}
+
+/// Prior odds that something is at work which is no candidate.
+const UNEXPLAINED_ODDS: f64 = 0.25;
+
+/// Hypotheses within this of the most probable one (natural logarithm) are looked at more closely.
+const CLOSE: f64 = 7.0;
+const MOST_CLOSE: usize = 5;
+
+/// Weigh every set of up to `largest` candidates against the measurement.
+///
+/// # Errors
+/// If no hypothesis can be evaluated.
+pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Attribution> {
+    let count = problem.candidates.len();
+    let sets = hypotheses(count, largest);
+    let mut found: Vec<Evidence> = Vec::with_capacity(sets.len());
+    for size in 0..=largest.min(count) {
+        let level: Vec<(usize, &Hypothesis)> =
+            sets.iter().enumerate().filter(|(_, set)| set.len() == size).collect();
+        let more: Vec<Evidence> = level
+            .into_par_iter()
+            .map(|(place, set)| {
+                let model = Model::new(problem, set, false);
+                let mut starts = Vec::new();
+                for (smaller, evidence) in sets.iter().zip(&found) {
+                    if smaller.len() + 1 == set.len() && smaller.iter().all(|member| set.contains(member)) {
+                        let theirs = Model::new(problem, smaller, false);
+                        starts.extend(
+                            evidence.modes.first().map(|mode| model.start_from(&theirs, mode.w.as_slice())),
+                        );
+                    }
+                }
+                evidence(&model, &starts, seed, place as u64)
+            })
+            .collect::<Result<_>>()?;
+        found.extend(more);
+    }
+    let weight = |place: usize, found: &[Evidence]| found[place].ln + ln_prior_odds(&sets[place], count);
+    let mut order: Vec<usize> = (0..sets.len()).collect();
+    order.sort_by(|&a, &b| weight(b, &found).total_cmp(&weight(a, &found)));
+    let nearest = order[0];
+    let high = weight(nearest, &found);
+    let mut close: Vec<usize> = order
+        .iter()
+        .copied()
+        .filter(|&place| high - weight(place, &found) < CLOSE)
+        .take(MOST_CLOSE)
+        .collect();
+    if !close.contains(&0) {
+        close.push(0);
+    }
+    // Fit, and evidence with something further at work.
+    let looked: Vec<(usize, f64, f64)> = close
+        .into_par_iter()
+        .map(|place| {
+            let model = Model::new(problem, &sets[place], false);
+            let wider = Model::new(problem, &sets[place], true);
+            let modes = &found[place].modes;
+            let fits = predictive_probability(&model, &modes[0], seed)?;
+            let starts: Vec<Vec<f64>> =
+                modes.iter().map(|mode| wider.start_from(&model, mode.w.as_slice())).collect();
+            let stream = (sets.len() + place) as u64;
+            Ok((place, fits, evidence(&wider, &starts, seed, stream)?.ln))
+        })
+        .collect::<Result<_>>()?;
+
+    let ln_unexplained = ln_sum_exp(
+        &looked.iter().map(|&(place, _, ln)| ln + ln_prior_odds(&sets[place], count)).collect::<Vec<_>>(),
+    );
+    let whole = ln_sum_exp(
+        &(0..sets.len())
+            .map(|place| weight(place, &found))
+            .chain([ln_unexplained + UNEXPLAINED_ODDS.ln()])
+            .collect::<Vec<_>>(),
+    );
+    let mut explanations: Vec<Explanation> = sets
+        .iter()
+        .enumerate()
+        .map(|(place, set)| {
+            let look = looked.iter().find(|(other, _, _)| *other == place);
+            Explanation {
+                hypothesis: set.clone(),
+                name: name(set, &problem.candidates),
+                probability: (weight(place, &found) - whole).exp(),
+                evidence: found[place].clone(),
+                with_discrepancy: look.map(|&(_, _, ln)| ln),
+                fits: look.map(|&(_, fits, _)| fits),
+            }
+        })
+        .collect();
+    let mut unexplained = (ln_unexplained + UNEXPLAINED_ODDS.ln() - whole).exp();
+    for explanation in &mut explanations {
+        if explanation.fits.is_some_and(|fits| fits < INADEQUATE) {
+            unexplained += std::mem::take(&mut explanation.probability);
+        }
+    }
+    explanations.sort_by(|a, b| {
+        b.probability.total_cmp(&a.probability).then(b.evidence.ln.total_cmp(&a.evidence.ln))
+    });
+    Ok(Attribution {
+        explanations,
+        unexplained,
+        ln_unexplained,
+        nearest: name(&sets[nearest], &problem.candidates),
+    })
+}

@@ -1,0 +1,118 @@
+# shellcheck shell=bash
+# What run-slurm and run-pbs share: the site's settings, the cut of the missing rows into tasks, and
+# waiting until the scheduler knows of none of them. Sourced after lib.sh.
+#
+# DIR/.run holds what the tasks read, and lives as long as they do:
+#     samples.txt  the checked table          rows    line numbers of the rows to run, one a line
+#     task.env     how to run a row           jobs    a submitted array a line
+#     NAME.running the task that a run is in; left behind by one that was killed
+
+# cluster_settings: sets site[KEY] from cluster.env beside the case.
+cluster_settings() {
+    local file=${CLUSTER_ENV:-$CASE/cluster.env} line number=0 key value
+    declare -gA site=(
+        [PARTITION]='' [ACCOUNT]='' [QOS]='' [TIME]='' [MEM]='' [THREADS]=1 [MODULES]='' [SCRATCH]=''
+        [ROWS_PER_TASK]=1 [MAX_CONCURRENT]='' [RUN_TIMEOUT]="${RUN_TIMEOUT:-}" [RETRIES]=0 [POLL]=''
+    )
+    [ -e "$file" ] || return 0
+    while IFS= read -r line || [ -n "$line" ]; do
+        number=$((number + 1))
+        line=${line%$'\r'}
+        [[ $line != '' && $line != '#'* ]] || continue
+        key=${line%%=*} value=${line#*=}
+        if [[ $line != *=* || ! -v site[$key] ]]; then
+            die "$file:$number: $line: no setting; known are ${!site[*]}"
+        fi
+        [[ $value =~ ^[A-Za-z0-9_.,:/+@%=\ -]*$ ]] ||
+            die "$file:$number: $key: \"$value\": use letters, digits, blanks and _ . , : / + @ % = -"
+        case $key in
+            THREADS | ROWS_PER_TASK | MAX_CONCURRENT)
+                [[ $value =~ ^[1-9][0-9]*$ ]] || die "$file:$number: $key: \"$value\" is no number above 0" ;;
+            RETRIES | POLL)
+                [[ $value =~ ^[0-9]+$ ]] || die "$file:$number: $key: \"$value\" is no number" ;;
+        esac
+        site[$key]=$value
+    done <"$file"
+}
+
+# prepare_tasks ROW...: writes what the tasks read; sets tasks, their number.
+prepare_tasks() {
+    printf '%s\n' "$@" >"$GL_DIR/.run/rows"
+    # shellcheck disable=SC2034  # submit_tasks reads it
+    tasks=$((($# + site[ROWS_PER_TASK] - 1) / site[ROWS_PER_TASK]))
+    printf '%s\n' "$ME" >"$GL_DIR/.run/engine"
+    {
+        printf 'export %s=%q\n' GL_DIR "$GL_DIR" GL_TABLE "$GL_TABLE" GL_MODEL "$GL_MODEL" CASE "$CASE" \
+            PYTHONPATH "$PYTHONPATH" GL_THREADS "${site[THREADS]}" RUN_TIMEOUT "${site[RUN_TIMEOUT]}"
+        printf '%s=%q\n' MODULES "${site[MODULES]}" SCRATCH "${site[SCRATCH]}" \
+            ROWS_PER_TASK "${site[ROWS_PER_TASK]}"
+    } >"$GL_DIR/.run/task.env"
+}
+
+# job_script FIRST: a script for an array whose index 0 is task FIRST; prints its path.
+job_script() {
+    local file=$GL_DIR/.run/task-$1.sh
+    printf '#!/bin/bash\nexec %q %q %q\n' "$HERE/run-task" "$GL_DIR/.run" "$1" >"$file"
+    printf '%s\n' "$file"
+}
+
+# until_gone: waits until `in_queue` (the engine's own) says that nothing of ours is left. It prints
+# what is in the queue, and fails while the scheduler does not answer, which is no reason to go on.
+until_gone() {
+    local pause=2 left
+    while :; do
+        if left=$(in_queue) && [ -z "$left" ]; then return; fi
+        sleep "${site[POLL]:-$pause}"
+        # Schedulers are shared: ask at ever longer intervals, up to half a minute.
+        pause=$((pause < 20 ? pause * 3 / 2 : 30))
+    done
+}
+
+# settle: runs that were killed with their task get a status with the scheduler's reason, which
+# `task_state TASK` (the engine's own) prints.
+settle() {
+    local marker name reason
+    for marker in "$GL_DIR/.run/"*.running; do
+        [ -e "$marker" ] || continue
+        name=${marker##*/}
+        name=${name%.running}
+        reason=$(task_state "$(cat "$marker")") || reason=''
+        printf '137 %s\n' "${reason:-KILLED}" >"$GL_DIR/$name.status"
+        rm -f -- "$marker"
+    done
+    rm -f "$GL_DIR/.run/jobs"
+}
+
+# run_cluster SAMPLES MODEL DIR: the whole engine, but for what differs between schedulers:
+# submit_tasks, which submits `tasks` tasks and adds to DIR/.run/jobs; in_queue; task_state.
+run_cluster() {
+    local wait=yes round=0
+    if [ "${1-}" = --no-wait ]; then wait=''; shift; fi
+    arguments "$@"
+    cluster_settings
+    lock_dir
+    if [ -e "$GL_DIR/.run/jobs" ]; then
+        [ "$(cat "$GL_DIR/.run/engine")" = "$ME" ] || open_dir
+        if [ -z "$wait" ] && [ -n "$(in_queue)" ]; then
+            say "$GL_DIR: runs are in the queue already"
+            in_queue
+            return
+        fi
+        say "$GL_DIR: waiting for the runs that are in the queue already"
+        until_gone
+        settle
+    fi
+    open_dir
+    mapfile -t rows < <(missing_rows all)
+    local to_do=("${rows[@]}")
+    while [ "${#to_do[@]}" -gt 0 ] && [ "$round" -le "${site[RETRIES]}" ]; do
+        prepare_tasks "${to_do[@]}"
+        submit_tasks
+        if [ -z "$wait" ]; then cat "$GL_DIR/.run/jobs"; return; fi
+        until_gone
+        settle
+        mapfile -t to_do < <(missing_rows all)
+        round=$((round + 1))
+    done
+    report "${rows[@]}"
+}

@@ -1,0 +1,143 @@
+//! The worlds that cases are drawn from, and what is called known about them beforehand.
+
+use anyhow::{Context, Result, ensure};
+use gl::design::{self, Effects};
+use gl::ensemble::Ensemble;
+use gl::observations::Observations;
+use gl::prior::{Parameter, Prior, Scale};
+use gl::samples::{Samples, sample_names};
+use gl::sequence::Method;
+use gl::world::{self, World};
+use rayon::prelude::*;
+
+/// An embedded world with a prior.
+pub struct Bench {
+    /// Its name here.
+    pub name: &'static str,
+    /// The simulator.
+    pub world: Box<dyn World>,
+    /// Every parameter, with every effect.
+    pub prior: Prior,
+}
+
+/// Names of the benches.
+pub const NAMES: [&str; 2] = ["contact", "triaxial"];
+
+/// name, lower, upper, scale, effect (absent at 0)
+type Row = (&'static str, f64, f64, Scale, Option<&'static str>);
+
+const CONTACT: [Row; 8] = [
+    ("E_m", 8.8, 9.6, Scale::Linear, None),
+    ("nu", 0.1, 0.4, Scale::Linear, None),
+    ("mu", 0.1, 0.5, Scale::Linear, None),
+    ("w", 1.0, 30.0, Scale::Linear, Some("adhesion")),
+    ("tau", 5e-4, 1e-2, Scale::Linear, Some("damping")),
+    ("plastic", 0.02, 0.4, Scale::Linear, Some("plasticity")),
+    ("compliance", 1e-7, 2e-6, Scale::Linear, Some("compliance")),
+    ("offset", -0.1, 0.1, Scale::Linear, Some("offset")),
+];
+
+const TRIAXIAL: [Row; 9] = [
+    ("G0", 60.0, 250.0, Scale::Log, None),
+    ("phi_c", 28.0, 35.0, Scale::Linear, None),
+    ("d0", 0.5, 1.4, Scale::Linear, None),
+    ("h", 0.4, 1.2, Scale::Linear, None),
+    ("membrane", 0.2, 5.0, Scale::Linear, Some("membrane")),
+    ("bedding", 5e-4, 1e-2, Scale::Linear, Some("bedding")),
+    ("c", 1.0, 30.0, Scale::Linear, Some("cohesion")),
+    ("de", -0.1, 0.1, Scale::Linear, Some("density")),
+    ("piston", 1.0, 30.0, Scale::Linear, Some("piston")),
+];
+
+impl Bench {
+    /// A bench by name.
+    ///
+    /// # Errors
+    /// If there is none of that name.
+    pub fn named(name: &str) -> Result<Self> {
+        let (name, world, rows): (_, _, &[Row]) = match name {
+            "contact" => ("contact", "contact-cycles", &CONTACT),
+            "triaxial" => ("triaxial", "triaxial", &TRIAXIAL),
+            _ => anyhow::bail!("no world {name}; they are {}", NAMES.join(", ")),
+        };
+        let parameter = |&(name, lower, upper, scale, effect): &Row| Parameter {
+            name: name.to_owned(),
+            lower,
+            upper,
+            scale,
+            normal: None,
+            effect: effect.map(str::to_owned),
+            off: effect.map(|_| 0.0),
+            unit: None,
+        };
+        let prior = Prior::new(rows.iter().map(parameter).collect());
+        let world = world::named(world).context("no such world")?;
+        Ok(Self { name, world, prior })
+    }
+
+    /// The prior without an effect.
+    pub fn prior_without(&self, effect: Option<&str>) -> Prior {
+        let is_known = |parameter: &&Parameter| effect.is_none() || parameter.effect.as_deref() != effect;
+        Prior::new(self.prior.parameters().iter().filter(is_known).cloned().collect())
+    }
+
+    /// The curves at values of all parameters of the prior, shape (observables, steps).
+    ///
+    /// # Errors
+    /// If the world refuses them.
+    pub fn simulate(&self, values: &[f64]) -> Result<Vec<Vec<f64>>> {
+        let mut inputs: Vec<f64> = self.world.inputs().iter().map(|input| input.default).collect();
+        for (parameter, &value) in self.prior.parameters().iter().zip(values) {
+            let place = self.world.inputs().iter().position(|input| input.name == parameter.name);
+            inputs[place.context("a parameter that the world does not know")?] = value;
+        }
+        Ok(world::simulate(self.world.as_ref(), &inputs)?.values)
+    }
+
+    /// A measurement that holds these values.
+    pub fn observations(&self, source: &str, values: Vec<Vec<f64>>) -> Observations {
+        Observations {
+            source: source.to_owned(),
+            control_name: self.world.control().to_owned(),
+            control: self.world.path(),
+            names: self.world.observables().iter().map(|&name| name.to_owned()).collect(),
+            sd: vec![None; values.len()],
+            values,
+        }
+    }
+
+    /// The switch design without an effect, as many runs an input, and its ensemble.
+    ///
+    /// # Errors
+    /// If a run fails.
+    pub fn design(
+        &self,
+        without: Option<&str>,
+        runs_an_input: usize,
+        seed: u64,
+    ) -> Result<(Samples, Ensemble)> {
+        let prior = self.prior_without(without);
+        let inputs = prior.parameters().len();
+        let count = runs_an_input * inputs;
+        let values = design::draw(&prior, &Effects::Switch, Method::Halton, count, seed, true)?;
+        let curves = values
+            .par_iter()
+            .map(|values| {
+                let mut full = Vec::new();
+                for parameter in self.prior.parameters() {
+                    let place = prior.parameters().iter().position(|other| other.name == parameter.name);
+                    full.push(place.map_or(parameter.off.unwrap_or(0.0), |place| values[place]));
+                }
+                self.simulate(&full)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let names = sample_names(self.name, 0, count)?;
+        let empty = self.observations("design", vec![Vec::new(); self.world.observables().len()]);
+        let mut ensemble = Ensemble::new(&empty, false);
+        for (name, curves) in names.iter().zip(&curves) {
+            ensemble.push(name, curves, None);
+        }
+        ensure!(!ensemble.is_empty(), "an empty design");
+        Ok((Samples { source: "samples".to_owned(), names, parameters: prior.names(), values }, ensemble))
+    }
+}

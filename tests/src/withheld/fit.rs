@@ -1,0 +1,88 @@
+//! The best that a world without an effect can do: least squares on the world itself.
+
+use anyhow::{Context, Result};
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use super::bench::Bench;
+
+/// What is left of a target curve when some parameters are fitted to it.
+pub struct Fit {
+    /// Fitted values of all parameters.
+    pub values: Vec<f64>,
+    /// Curves there, shape (observables, steps).
+    pub curves: Vec<Vec<f64>>,
+    /// Root mean square over all readings of (target − curve) / noise.
+    pub rms: f64,
+}
+
+/// Fit the parameters at positions `free`, within their bounds, the others as in `start`, to a target
+/// with a noise of each observable. Levenberg–Marquardt from a few places.
+///
+/// # Errors
+/// If the world refuses the start.
+pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
+    let parameters = bench.prior.parameters();
+    let mut best: Option<Fit> = None;
+    for place in [None, Some(0.3), Some(0.7)] {
+        let mut z: Vec<f64> = free
+            .iter()
+            .map(|&j| place.unwrap_or(parameters[j].coordinate(start[j])).clamp(0.0, 1.0))
+            .collect();
+        let values = |z: &[f64]| {
+            let mut values = start.to_vec();
+            for (&j, &z) in free.iter().zip(z) {
+                values[j] = parameters[j].at_coordinate(z);
+            }
+            values
+        };
+        let residual = |z: &[f64]| -> Result<DVector<f64>> {
+            let curves = bench.simulate(&values(z))?;
+            let white =
+                curves.iter().zip(target).zip(noise).flat_map(|((curve, target), sd)| {
+                    curve.iter().zip(target).map(move |(y, t)| (t - y) / sd)
+                });
+            Ok(DVector::from_iterator(target.iter().map(Vec::len).sum(), white))
+        };
+        let mut r = residual(&z)?;
+        let mut damping = 1e-3;
+        'climb: for _ in 0..40 {
+            let mut slopes = DMatrix::zeros(r.len(), free.len());
+            for k in 0..free.len() {
+                let mut moved = z.clone();
+                let step = if z[k] > 0.5 { -1e-5 } else { 1e-5 };
+                moved[k] += step;
+                slopes.set_column(k, &((&r - residual(&moved)?) / step));
+            }
+            let (square, slope) = (slopes.tr_mul(&slopes), slopes.tr_mul(&r));
+            loop {
+                let mut damped = square.clone();
+                for k in 0..free.len() {
+                    damped[(k, k)] += damping * (square[(k, k)] + 1e-9);
+                }
+                let step = Cholesky::new(damped).context("a curve that nothing changes")?.solve(&slope);
+                let next: Vec<f64> =
+                    z.iter().zip(step.iter()).map(|(z, s)| (z + s).clamp(0.0, 1.0)).collect();
+                let there = residual(&next)?;
+                if there.norm_squared() < r.norm_squared() {
+                    let gained = 1.0 - there.norm_squared() / r.norm_squared();
+                    (z, r) = (next, there);
+                    damping = (damping * 0.2).max(1e-12);
+                    if gained < 1e-6 {
+                        break 'climb;
+                    }
+                    break;
+                }
+                damping *= 5.0;
+                if damping > 1e9 {
+                    break 'climb;
+                }
+            }
+        }
+        let rms = (r.norm_squared() / r.len() as f64).sqrt();
+        if best.as_ref().is_none_or(|best| rms < best.rms) {
+            let values = values(&z);
+            best = Some(Fit { curves: bench.simulate(&values)?, values, rms });
+        }
+    }
+    best.context("no place to start from")
+}

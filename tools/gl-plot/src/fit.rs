@@ -1,0 +1,263 @@
+//! The measurement, what the calibrated runs make of it, and what is left over.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use gl::ensemble::Ensemble;
+use gl::observations::{ByName, Observations};
+use gl::predict::predict;
+use gl::weights::Weights;
+
+use crate::axis::{Axis, Label, Span};
+use crate::figure::{Figure, Key};
+use crate::panel::{BELOW, Dot, Panel, room_beside};
+use crate::scene::{Paint, Rect, Scene, color};
+use crate::{Style, Units};
+
+/// Measurement, ensemble mean with its 90 % band, the best runs, and the residuals
+#[derive(Args)]
+pub struct Fit {
+    /// Table of what was measured
+    #[arg(short = 'b', long, value_name = "FILE")]
+    observations: PathBuf,
+    /// Column of the control; by default the one after `step`
+    #[arg(short, long, value_name = "NAME")]
+    control: Option<String>,
+    /// Columns of the observables; by default all after the control
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
+    observables: Vec<String>,
+    /// Weights of the runs; without them every run counts alike
+    #[arg(short, long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+    /// Standard deviation of the measurement noise, as in f=0.02,q=1
+    #[arg(long, value_name = "NAME=SD,…")]
+    noise: Option<ByName>,
+    /// Unit of columns, as in q=MPa,u=mm
+    #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
+    units: Units,
+    /// How many of the best runs to show
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    best: usize,
+    /// Ensemble table
+    #[arg(value_name = "ENSEMBLE", default_value = "-")]
+    ensemble: PathBuf,
+}
+
+/// One observable: what was measured, what the runs say, all of shape (steps,).
+struct Curves<'a> {
+    name: &'a str,
+    measured: &'a [f64],
+    noise: Option<&'a [f64]>,
+    mean: Vec<f64>,
+    low: Vec<f64>,
+    high: Vec<f64>,
+    best: Vec<&'a [f64]>,
+}
+
+const BEST: [crate::scene::Color; 3] = [color::VERMILION, color::ORANGE, color::GREEN];
+/// More readings than this have their noise drawn as a band.
+const MOST_BARS: usize = 60;
+
+impl Fit {
+    pub fn draw(&self, style: &Style) -> Result<Scene> {
+        let ensemble = Ensemble::read_by_header(&self.ensemble, self.control.as_deref(), &self.observables)?;
+        let observations =
+            Observations::read(&self.observations, &ensemble.control_name, &ensemble.observables)?;
+        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        ensure!(!ensemble.is_empty(), "{}: no runs; there is nothing to draw", ensemble.source);
+        ensemble.check_steps(&observations)?;
+        let weights = self.weights.as_deref().map(Weights::read).transpose()?;
+        let (weight, best) = match &weights {
+            Some(weights) => (weights.of_runs(&ensemble)?, best(&ensemble, weights, self.best)),
+            None => (vec![1.0 / ensemble.len() as f64; ensemble.len()], Vec::new()),
+        };
+
+        let prediction = predict(&ensemble, &weight)?;
+        let curves: Vec<Curves> = (0..observations.names.len())
+            .map(|j| Curves {
+                name: &observations.names[j],
+                measured: &observations.values[j],
+                noise: noise.as_ref().map(|noise| noise[j].as_slice()),
+                mean: prediction[j].iter().map(|moments| moments.mean).collect(),
+                low: prediction[j].iter().map(|moments| moments.quantiles[0]).collect(),
+                high: prediction[j].iter().map(|moments| moments.quantiles[2]).collect(),
+                best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
+            })
+            .collect();
+        let best_names: Vec<&str> = best.iter().map(|&run| ensemble.samples[run].as_str()).collect();
+        Ok(self.figure(style, &observations, &curves, &best_names, weights.is_some()))
+    }
+
+    fn figure(
+        &self,
+        style: &Style,
+        observations: &Observations,
+        curves: &[Curves],
+        best: &[&str],
+        weighted: bool,
+    ) -> Scene {
+        let (control, control_name) = (&observations.control, &observations.control_name);
+        let title = format!("Fit of {} against {control_name}", observations.names.join(", "));
+        let mut figure = Figure::new(title, style.width);
+        let paint = Paints::new(control.len());
+        let mean = if weighted { "weighted mean" } else { "mean of all runs" };
+        let mut legend = vec![(Key::Dot(paint.dot), "measured".to_owned())];
+        if curves.iter().any(|curves| curves.noise.is_some()) {
+            let noise = "noise, ± 1 sd".to_owned();
+            legend.push(if control.len() > MOST_BARS {
+                (Key::Area(paint.noise_band), noise)
+            } else {
+                (Key::Line(paint.noise_bar), noise)
+            });
+        }
+        legend.push((Key::Line(paint.mean), mean.to_owned()));
+        legend.push((Key::Area(paint.band), "90 % band".to_owned()));
+        for (rank, name) in best.iter().enumerate() {
+            legend.push((Key::Line(paint.best(rank)), format!("{}: {name}", rank + 1)));
+        }
+        figure.legend(&legend);
+
+        let columns = figure.columns(curves.len(), 130.0);
+        for row in curves.chunks(columns) {
+            let (left, right) = figure.cell(0, columns);
+            let height = (0.72 * (right - left)).clamp(90.0, 190.0);
+            let (top, middle) = (figure.y + 4.0, figure.y + 4.0 + height);
+            let (residual_top, bottom) = (middle + 8.0, middle + 8.0 + 0.48 * height);
+            for (column, curves) in row.iter().enumerate() {
+                let (left, right) = figure.cell(column, columns);
+                let label = |name: &str| Label { name: name.to_owned(), unit: self.units.get(name) };
+                let all = curves.everything().padded(0.05);
+                let rest = curves.residuals().padded(0.05);
+                let y = Axis::vertical(all, label(curves.name), height);
+                let residual = Label { name: "residual".to_owned(), unit: self.units.get(curves.name) };
+                let residual_y = Axis::vertical(rest, residual, bottom - residual_top);
+                let beside = room_beside(&y).max(room_beside(&residual_y));
+                let left = left + beside;
+                let right = right - 7.0;
+                let span = Span::of(control.iter().copied()).padded(0.03);
+                let x = Axis::horizontal(span, label(control_name), right - left);
+                let place = Rect::new(left, top, right, middle);
+                let name = format!("{} against {control_name}", curves.name);
+                let mut panel = Panel::new(name, place, x.clone(), y).beside(beside).without_x_labels();
+                curves.draw(&mut panel, control, &paint);
+                figure.add(panel.finish());
+                let place = Rect::new(left, residual_top, right, bottom);
+                let name = format!("residual of {}", curves.name);
+                let mut panel = Panel::new(name, place, x, residual_y).beside(beside);
+                curves.draw_residuals(&mut panel, control, &paint);
+                figure.add(panel.finish());
+            }
+            figure.y = bottom + BELOW;
+        }
+        figure.finish()
+    }
+}
+
+/// The runs with the lowest misfit, or with the highest weight where the table has no misfit.
+fn best(ensemble: &Ensemble, weights: &Weights, count: usize) -> Vec<usize> {
+    let runs = ensemble.index();
+    let cost = |i: usize| weights.misfit.as_ref().map_or(-weights.weight[i], |misfit| misfit[i]);
+    let mut ranked: Vec<(f64, usize)> =
+        (0..weights.len()).filter_map(|i| Some((cost(i), *runs.get(weights.samples[i].as_str())?))).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ranked.into_iter().take(count).map(|(_, run)| run).collect()
+}
+
+fn minus(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+fn pairs<'a>(x: &'a [f64], y: &'a [f64]) -> impl Iterator<Item = (f64, f64)> + 'a {
+    x.iter().copied().zip(y.iter().copied())
+}
+
+impl Curves<'_> {
+    fn noise_ends(&self, centre: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let noise = self.noise?;
+        let up = centre.iter().zip(noise).map(|(y, sd)| y + sd).collect();
+        Some((minus(centre, noise), up))
+    }
+
+    /// All that the upper panel has to show.
+    fn everything(&self) -> Span {
+        let (low, high) = self.noise_ends(self.measured).unwrap_or_default();
+        let best = self.best.iter().flat_map(|curve| curve.iter());
+        Span::of(
+            [self.measured, &self.mean, &self.low, &self.high, &low, &high]
+                .into_iter()
+                .flatten()
+                .chain(best)
+                .copied(),
+        )
+    }
+
+    /// All that the lower panel has to show.
+    fn residuals(&self) -> Span {
+        let noise = self.noise.unwrap_or_default().iter().flat_map(|sd| [-sd, *sd]);
+        let best = self.best.iter().flat_map(|curve| minus(self.measured, curve));
+        let band = [&self.mean, &self.low, &self.high].into_iter().flat_map(|y| minus(self.measured, y));
+        Span::of(noise.chain(best).chain(band)).with(0.0)
+    }
+
+    fn draw(&self, panel: &mut Panel, control: &[f64], paint: &Paints) {
+        if let Some((low, high)) = self.noise_ends(self.measured) {
+            paint.noise(panel, control, &low, &high);
+        }
+        panel.band("90 % band", control, &self.low, &self.high, paint.band);
+        panel.dots("measured", pairs(control, self.measured), paint.dot, 4000);
+        panel.line("mean", pairs(control, &self.mean), paint.mean);
+        for (rank, curve) in self.best.iter().enumerate().rev() {
+            panel.line(&format!("best run {}", rank + 1), pairs(control, curve), paint.best(rank));
+        }
+    }
+
+    fn draw_residuals(&self, panel: &mut Panel, control: &[f64], paint: &Paints) {
+        if let Some((low, high)) = self.noise_ends(&vec![0.0; control.len()]) {
+            panel.band("noise", control, &low, &high, paint.noise_band);
+        }
+        let (low, high) = (minus(self.measured, &self.high), minus(self.measured, &self.low));
+        panel.band("90 % band", control, &low, &high, paint.band);
+        panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
+        panel.line("mean", pairs(control, &minus(self.measured, &self.mean)), paint.mean);
+        for (rank, curve) in self.best.iter().enumerate().rev() {
+            let residual = minus(self.measured, curve);
+            panel.line(&format!("best run {}", rank + 1), pairs(control, &residual), paint.best(rank));
+        }
+    }
+}
+
+/// How each series looks.
+struct Paints {
+    dot: Dot,
+    noise_bar: Paint,
+    noise_band: Paint,
+    mean: Paint,
+    band: Paint,
+}
+
+impl Paints {
+    fn new(steps: usize) -> Self {
+        Self {
+            dot: Dot::among(steps, color::BLACK),
+            noise_bar: Paint::line(color::GREY, 0.7),
+            noise_band: Paint::area(color::GREY).opacity(0.3),
+            mean: Paint::line(color::BLUE, 1.3),
+            band: Paint::area(color::SKY).opacity(0.4),
+        }
+    }
+
+    fn best(&self, rank: usize) -> Paint {
+        let paint = Paint::line(BEST[rank % BEST.len()], 0.8);
+        if rank == 0 { paint } else { paint.dashed(4.0 / rank as f64, 1.5) }
+    }
+
+    fn noise(&self, panel: &mut Panel, control: &[f64], low: &[f64], high: &[f64]) {
+        if control.len() > MOST_BARS {
+            panel.band("noise", control, low, high, self.noise_band);
+        } else {
+            let bars = control.iter().zip(low.iter().zip(high)).map(|(x, (low, high))| (*x, *low, *high));
+            panel.bars("noise", bars, self.noise_bar);
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
+
+mod attribution;
+mod axis;
+mod contour;
+mod emulator;
+mod figure;
+mod fit;
+mod font;
+mod gap;
+mod history;
+mod input;
+mod matrix;
+mod pairs;
+mod panel;
+mod posterior;
+mod proposal;
+mod raster;
+mod scene;
+mod svg;
+mod thin;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result, ensure};
+use clap::{Parser, Subcommand};
+use gl::table::Sink;
+
+/// Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
+#[derive(Parser)]
+#[command(name = "gl-plot", version)]
+struct Args {
+    #[command(subcommand)]
+    picture: Picture,
+    #[command(flatten)]
+    style: Style,
+}
+
+#[derive(Subcommand)]
+enum Picture {
+    Fit(fit::Fit),
+    Posterior(posterior::Posterior),
+    Pairs(pairs::Pairs),
+    History(history::History),
+    Proposal(proposal::Proposal),
+    Emulator(emulator::Emulator),
+    Gap(gap::Gap),
+    Attribution(attribution::Attribution),
+}
+
+/// What every picture has.
+#[derive(clap::Args)]
+pub struct Style {
+    /// Picture to write, .svg or .png; SVG to standard output when absent
+    #[arg(short, long, value_name = "FILE", global = true)]
+    output: Option<PathBuf>,
+    /// Width of the picture in millimetres
+    #[arg(long, value_name = "MM", default_value_t = 170.0, global = true, value_parser = width)]
+    width: f64,
+    /// Dots an inch of a PNG
+    #[arg(long, value_name = "N", default_value_t = 200.0, global = true, value_parser = dpi)]
+    dpi: f64,
+}
+
+fn width(text: &str) -> Result<f64> {
+    within(text, 80.0, 1000.0)
+}
+
+fn dpi(text: &str) -> Result<f64> {
+    within(text, 50.0, 1200.0)
+}
+
+fn within(text: &str, low: f64, high: f64) -> Result<f64> {
+    let value = gl::table::parse_number(text)?;
+    ensure!((low..=high).contains(&value), "not between {low} and {high}");
+    Ok(value)
+}
+
+/// Units by column name, as in `q=MPa,u=mm`.
+#[derive(Clone, Debug, Default)]
+pub struct Units(Vec<(String, String)>);
+
+impl Units {
+    fn get(&self, name: &str) -> Option<String> {
+        self.0.iter().find(|(other, _)| other == name).map(|(_, unit)| unit.clone())
+    }
+}
+
+impl FromStr for Units {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let pairs = text.split(',').filter(|pair| !pair.is_empty()).map(|pair| {
+            let (name, unit) = pair.split_once('=').with_context(|| format!("{pair:?} is not NAME=UNIT"))?;
+            Ok((name.trim().to_owned(), unit.trim().to_owned()))
+        });
+        Ok(Self(pairs.collect::<Result<_>>()?))
+    }
+}
+
+/// What a picture is written as.
+enum Kind {
+    Svg,
+    Png,
+}
+
+impl Kind {
+    /// By the end of the file's name; standard output gets SVG.
+    fn of(path: Option<&Path>) -> Result<Self> {
+        let Some(path) = path.filter(|path| *path != Path::new("-")) else { return Ok(Self::Svg) };
+        match path.extension().map(|end| end.to_string_lossy().to_lowercase()).as_deref() {
+            Some("svg") => Ok(Self::Svg),
+            Some("png") => Ok(Self::Png),
+            _ => anyhow::bail!("-o {}: a picture is called NAME.svg or NAME.png", path.display()),
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
+    let output = args.style.output.as_deref();
+    let kind = Kind::of(output)?;
+    let scene = match &args.picture {
+        Picture::Fit(fit) => fit.draw(&args.style)?,
+        Picture::Posterior(posterior) => posterior.draw(&args.style)?,
+        Picture::Pairs(pairs) => pairs.draw(&args.style)?,
+        Picture::History(history) => history.draw(&args.style)?,
+        Picture::Proposal(proposal) => proposal.draw(&args.style)?,
+        Picture::Emulator(emulator) => emulator.draw(&args.style)?,
+        Picture::Gap(gap) => gap.draw(&args.style)?,
+        Picture::Attribution(attribution) => attribution.draw(&args.style)?,
+    };
+    let bytes = match kind {
+        Kind::Svg => svg::render(&scene).into_bytes(),
+        Kind::Png => raster::render(&scene, args.style.dpi)?,
+    };
+    let mut sink = Sink::create(output)?;
+    let name = output.map_or("stdout".to_owned(), |path| path.display().to_string());
+    sink.write_all(&bytes).with_context(|| format!("{name}: cannot be written"))?;
+    sink.finish()
+}
+
+fn main() -> ExitCode {
+    gl::cli::finish("gl-plot", run(&Args::parse()))
+}

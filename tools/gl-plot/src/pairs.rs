@@ -1,0 +1,178 @@
+//! Samples of every iteration, and what the posterior makes of each pair of parameters.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use gl::density::{joint, levels, marginal};
+use gl::observations::ByName;
+use gl::samples::Samples;
+
+use crate::Style;
+use crate::axis::Span;
+use crate::contour;
+use crate::figure::{Figure, Key, star_paint};
+use crate::input::{Parameters, check_truth, column, read_weights, stem};
+use crate::matrix;
+use crate::panel::Dot;
+use crate::scene::{Color, Paint, Scene, color, star};
+
+/// Samples of every iteration, and the posterior density of each pair of parameters
+#[derive(Args)]
+pub struct Pairs {
+    /// Table of weights: the posterior
+    #[arg(short, long, value_name = "FILE")]
+    weights: PathBuf,
+    /// Samples table; may be repeated, one an iteration. Without it the weighed samples are shown
+    #[arg(short, long, value_name = "FILE")]
+    samples: Vec<PathBuf>,
+    /// Table of parameters: their bounds, scales and units
+    #[arg(short, long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// True values where they are known, as in a=0.2,b=5
+    #[arg(long, value_name = "NAME=VALUE,…")]
+    truth: Option<ByName>,
+}
+
+const CELLS: usize = 48;
+const CELLS_OF_ONE: usize = 120;
+/// Dots of all panels together.
+const MOST_DOTS: usize = 40_000;
+
+/// Samples that are drawn alike.
+struct Cloud {
+    label: String,
+    /// Shape (parameters, samples).
+    values: Vec<Vec<f64>>,
+    color: Color,
+}
+
+impl Pairs {
+    pub fn draw(&self, style: &Style) -> Result<Scene> {
+        let parameters = Parameters::read(self.params.as_deref())?;
+        let weights = read_weights(&self.weights)?;
+        let names = &weights.parameters;
+        let n = names.len();
+        let truth = self.truth.clone().unwrap_or_default();
+        check_truth(&truth, names)?;
+        let values: Vec<Vec<f64>> = (0..n).map(|j| column(&weights, j)).collect();
+        let clouds = self.clouds(names, &values)?;
+
+        let spans: Vec<Span> = (0..n)
+            .map(|j| {
+                let clouds = clouds.iter().flat_map(|cloud| cloud.values[j].iter().copied());
+                let all: Vec<f64> =
+                    values[j].iter().copied().chain(clouds).chain(truth.get(&names[j])).collect();
+                parameters.span(&names[j], &all)
+            })
+            .collect();
+        let labels: Vec<_> = names.iter().map(|name| parameters.label(name)).collect();
+        let supports: Vec<Span> = (0..n).map(|j| parameters.support(&names[j], spans[j])).collect();
+        let places: Vec<Vec<f64>> = (0..n)
+            .map(|j| values[j].iter().map(|&x| supports[j].place(x).clamp(0.0, 1.0)).collect())
+            .collect();
+        let marginals: Vec<Vec<f64>> =
+            places.iter().map(|places| marginal(places, &weights.weight, CELLS_OF_ONE)).collect();
+        let highest: Vec<f64> =
+            marginals.iter().map(|density| density.iter().copied().fold(0.0, f64::max)).collect();
+
+        let mut figure = Figure::new(format!("Pairs of {}", names.join(", ")), style.width);
+        let mut legend: Vec<(Key, String)> =
+            clouds.iter().map(|cloud| (Key::Dot(Dot::among(1, cloud.color)), cloud.label.clone())).collect();
+        legend.push((Key::Line(Paint::line(color::BLUE, 1.2)), "posterior".to_owned()));
+        if n > 1 {
+            legend.push((Key::Area(inner_paint()), "50 % of it".to_owned()));
+            legend.push((Key::Area(outer_paint()), "90 % of it".to_owned()));
+        }
+        if !truth.is_empty() {
+            legend.push((Key::Star(color::BLACK), "truth".to_owned()));
+        }
+        figure.legend(&legend);
+
+        let most = MOST_DOTS / (clouds.len() * (n * (n - 1) / 2).max(1));
+        matrix::draw(
+            &mut figure,
+            &spans,
+            &labels,
+            &highest,
+            |panel, j| {
+                let at = |i: usize| supports[j].value((i as f64 + 0.5) / CELLS_OF_ONE as f64);
+                let points: Vec<(f64, f64)> =
+                    marginals[j].iter().enumerate().map(|(i, &density)| (at(i), density)).collect();
+                let x: Vec<f64> = points.iter().map(|point| point.0).collect();
+                panel.band("posterior", &x, &vec![0.0; x.len()], &marginals[j], outer_paint());
+                panel.line("posterior", points, Paint::line(color::BLUE, 1.2));
+                if let Some(value) = truth.get(&names[j]) {
+                    let (x, y) = panel.at((value, 0.0));
+                    panel.add("truth", vec![star((x, y - 5.0), 4.5, star_paint(color::BLACK))]);
+                }
+            },
+            |panel, i, j| {
+                let density = joint(&places[i], &places[j], &weights.weight, CELLS);
+                let heights = levels(&density, &[0.5, 0.9]);
+                for (height, paint, title) in
+                    [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
+                {
+                    let outlines: Vec<Vec<(f64, f64)>> = contour::above(&density, CELLS, height)
+                        .into_iter()
+                        .map(|line| {
+                            line.into_iter()
+                                .map(|(x, y)| (supports[i].value(x), supports[j].value(y)))
+                                .collect()
+                        })
+                        .collect();
+                    panel.outlines(&format!("{title} of the posterior"), &outlines, paint);
+                }
+                for cloud in &clouds {
+                    let points = cloud.values[i].iter().copied().zip(cloud.values[j].iter().copied());
+                    let dot = Dot::among(cloud.values[i].len() * n / 2, cloud.color);
+                    panel.dots(&cloud.label, points, dot, most);
+                }
+                if let (Some(x), Some(y)) = (truth.get(&names[i]), truth.get(&names[j])) {
+                    let at = panel.at((x, y));
+                    panel.add("truth", vec![star(at, 4.5, star_paint(color::BLACK))]);
+                }
+            },
+        );
+        Ok(figure.finish())
+    }
+
+    fn clouds(&self, names: &[String], weighed: &[Vec<f64>]) -> Result<Vec<Cloud>> {
+        if self.samples.is_empty() {
+            let label = "samples".to_owned();
+            return Ok(vec![Cloud { label, values: weighed.to_vec(), color: color::GREY }]);
+        }
+        let last = (self.samples.len() - 1).max(1) as f64;
+        let cloud = |(i, path): (usize, &PathBuf)| -> Result<Cloud> {
+            let rows = Samples::read(path)?.columns(names)?;
+            let values = (0..names.len()).map(|j| rows.iter().map(|row| row[j]).collect()).collect();
+            Ok(Cloud { label: self.label(i, path), values, color: shade(i as f64 / last) })
+        };
+        self.samples.iter().enumerate().map(cloud).collect()
+    }
+
+    /// The file, where files have names of their own; else the iteration.
+    fn label(&self, i: usize, path: &std::path::Path) -> String {
+        let own = stem(path);
+        let shared = self.samples.iter().filter(|other| stem(other) == own).count() > 1;
+        if shared { format!("iteration {i}") } else { own }
+    }
+}
+
+/// From grey for the first iteration over orange to vermilion for the last.
+fn shade(share: f64) -> Color {
+    let light = color::GREY.towards(color::WHITE, 0.3);
+    if share < 0.5 {
+        light.towards(color::ORANGE, 2.0 * share)
+    } else {
+        color::ORANGE.towards(color::VERMILION, 2.0 * share - 1.0)
+    }
+}
+
+fn outer_paint() -> Paint {
+    Paint::area(color::SKY).opacity(0.35)
+}
+
+fn inner_paint() -> Paint {
+    Paint::area(color::BLUE).opacity(0.45)
+}
