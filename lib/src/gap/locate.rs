@@ -27,8 +27,8 @@ pub struct Stretch {
     pub gap_sd: f64,
     /// `gap / gap_sd`.
     pub z: f64,
-    /// Part of the total squared gap in excess of what noise and posterior spread explain, in [0, 1];
-    /// 0 throughout if no stretch is significant.
+    /// Part of the total squared gap, in units of the noise and in excess of `gap_sd`², in [0, 1]; 0
+    /// throughout if no stretch is significant.
     pub share: f64,
     /// Whether it stands out of what the whole axis would show without a gap.
     pub significant: bool,
@@ -125,7 +125,7 @@ impl Problem {
             found.push(interval);
         }
         let stretches = self.stretches(&precision, &found, &gap, threshold);
-        Ok(self.with_shares(stretches, &noises, &gap))
+        Ok(self.with_shares(stretches, &noises))
     }
 
     /// What the deviation of the most deviant interval exceeds, without a gap, in few replicates.
@@ -198,26 +198,19 @@ impl Problem {
             .collect()
     }
 
-    /// Share out the squared gap, in units of noise, in excess of what noise and spread explain.
-    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise], gap: &[f64]) -> Vec<Stretch> {
+    /// Share out the squared gap, in units of the noise, in excess of what its own uncertainty explains.
+    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise]) -> Vec<Stretch> {
         if !stretches.iter().any(|stretch| stretch.significant) {
             return stretches;
         }
-        let steps = gap.len() / self.scales.len();
         let excess = |stretch: &Stretch| -> f64 {
-            let at = |step: usize| {
-                let i = stretch.observable * steps + step;
-                let noise = noises[stretch.observable].sd[step].powi(2);
-                let spread: f64 = self.directions.iter().map(|d| d[i] * d[i]).sum();
-                (gap[i] * gap[i] - noise - spread) / noise
-            };
-            stretch.steps.clone().map(at).sum::<f64>().max(0.0)
+            let sd = &noises[stretch.observable].sd[stretch.steps.clone()];
+            let square = (stretch.gap.powi(2) - stretch.gap_sd.powi(2)).max(0.0);
+            sd.iter().map(|sd| square / (sd * sd)).sum()
         };
         let excesses: Vec<f64> = stretches.iter().map(excess).collect();
         let total: f64 = excesses.iter().sum();
-        if total > 0.0 {
-            stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
-        }
+        stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
         stretches
     }
 }
