@@ -5,6 +5,7 @@ pub mod adequacy;
 pub mod attribution;
 pub mod closure;
 pub mod confounding;
+pub mod diagnosis;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
@@ -19,7 +20,9 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
+pub mod self_check;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod synthetic_world;
+pub mod verdict;

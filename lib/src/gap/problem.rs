@@ -25,6 +25,8 @@ pub struct Problem<'a> {
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
+    /// Name of the control.
+    pub control_name: String,
     /// The control.
     pub path: Path,
     /// Standard deviation of the noise of every reading, shape (observables · steps); estimated
@@ -119,6 +121,7 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
+            control_name: observations.control_name.clone(),
             path,
             noise,
             scatter,
