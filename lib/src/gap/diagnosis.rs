@@ -77,8 +77,7 @@ pub fn emulate(
     noise: Option<&Vec<Vec<f64>>>,
     seed: u64,
 ) -> Result<Emulator> {
-    let options =
-        Options { noise: noise.cloned(), max_components: COMPONENTS, seed, ..Options::default() };
+    let options = Options { noise: noise.cloned(), max_components: COMPONENTS, seed, ..Options::default() };
     Emulator::fit(prior, samples, ensemble, &options)
 }
 
@@ -176,7 +175,12 @@ fn floor(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
-pub fn shrink(problem: &Problem<'_>, explanations: &[Explanation], of: &Explanation, seed: u64) -> Result<Shrink> {
+pub fn shrink(
+    problem: &Problem<'_>,
+    explanations: &[Explanation],
+    of: &Explanation,
+    seed: u64,
+) -> Result<Shrink> {
     let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty()).unwrap_or(of);
     let (before, after) =
         (Model::new(problem, &base.hypothesis, false), Model::new(problem, &of.hypothesis, false));

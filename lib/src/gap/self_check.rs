@@ -66,7 +66,9 @@ pub fn self_check(
         let is_on = |candidate: &Candidate| match candidate {
             Candidate::Measured(_) => false,
             Candidate::Simulated(effect) => effect.parameters.iter().any(|&j| {
-                design.prior.parameters()[j].off.is_some_and(|off| (values[row][j] - off).abs() > 1e-9 * off.abs())
+                design.prior.parameters()[j]
+                    .off
+                    .is_some_and(|off| (values[row][j] - off).abs() > 1e-9 * off.abs())
             }),
         };
         (0..design.candidates.len()).filter(|&i| is_on(&design.candidates[i])).collect()
@@ -102,8 +104,14 @@ pub fn self_check(
                 }
             }
             let candidates = design.candidates.to_vec();
-            let problem =
-                problem(&emulator, design.prior, candidates, &measured, Some(noise.to_vec()), design.scatter)?;
+            let problem = problem(
+                &emulator,
+                design.prior,
+                candidates,
+                &measured,
+                Some(noise.to_vec()),
+                design.scatter,
+            )?;
             let attribution = attribute(&problem, largest, seed)?;
             let best = &attribution.explanations[0];
             let (first, probability) = if attribution.unexplained > best.probability {

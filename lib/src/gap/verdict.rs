@@ -47,16 +47,24 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Resul
     }
     let second = &diagnosis.rows[1];
     if first.probability < SETTLED {
-        lines.push(format!("not settled: next comes {} with probability {:.2}", second.name, second.probability));
+        lines.push(format!(
+            "not settled: next comes {} with probability {:.2}",
+            second.name, second.probability
+        ));
     }
     // The rival that a further measurement should tell from the first: one that it is confounded
     // with, else the next in line.
     let rival = first.confounded.first().or((first.probability < SETTLED).then_some(&second.name));
     let explanation = |name: &String| explanations.iter().find(|explanation| explanation.name == *name);
-    if let (Some(one), Some(other)) = (first.explanation.map(|place| &explanations[place]), rival.and_then(explanation))
+    if let (Some(one), Some(other)) =
+        (first.explanation.map(|place| &explanations[place]), rival.and_then(explanation))
     {
         if !first.confounded.is_empty() {
-            lines.push(format!("this measurement cannot tell {} from {}", first.name, first.confounded.join(", ")));
+            lines.push(format!(
+                "this measurement cannot tell {} from {}",
+                first.name,
+                first.confounded.join(", ")
+            ));
         }
         if let Some(at) = difference(problem, one, other) {
             lines.push(format!(

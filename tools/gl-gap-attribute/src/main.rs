@@ -96,7 +96,11 @@ fn run(args: &Args) -> Result<()> {
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement)?;
     let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
     if emulator.missing() > 0 {
-        note(format_args!("{} of {} samples have no run and are left out", emulator.missing(), samples.len()));
+        note(format_args!(
+            "{} of {} samples have no run and are left out",
+            emulator.missing(),
+            samples.len()
+        ));
     }
     if noise.is_none() {
         note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
