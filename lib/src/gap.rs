@@ -5,6 +5,7 @@ pub mod adequacy;
 pub mod attribution;
 pub mod closure;
 pub mod confounding;
+pub mod diagnosis;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
@@ -23,7 +24,9 @@ pub mod residual;
 mod scatter;
 pub mod shrink;
 pub mod standardised;
+pub mod self_check;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod synthetic_world;
+pub mod verdict;
