@@ -22,9 +22,9 @@ pub mod predictor;
 pub mod problem;
 pub mod residual;
 mod scatter;
+pub mod self_check;
 pub mod shrink;
 pub mod standardised;
-pub mod self_check;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
