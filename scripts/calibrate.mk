@@ -1,5 +1,7 @@
 # One iteration of a calibration: make -f scripts/calibrate.mk CASE=… ENGINE=… OUT=… I=0
 #
+# Without an ENGINE nothing is run: the runs are in OUT/iterI/runs already.
+#
 # Each file is made from the ones before it, and appears whole or not at all, so that after an
 # interruption the same call goes on where it was. scripts/calibrate calls this for I = 0, 1, 2, …
 
@@ -51,7 +53,7 @@ $(D)/misfit.txt: $(D)/ensemble.txt
 	@gl-likelihood -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(MISFIT) -o $@ $<
 
 $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
-	@"$(SCRIPTS)run-$(ENGINE)" $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs
+	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
 	@gl-collect -s $(D)/samples.txt -b $(OBS) -c '$(CONTROL)' -v '$(OBSERVABLES)' --max-failed $(MAX_FAILED) \
 	 --status $(D)/status.txt -o $@ $(D)/runs 2>$(D)/collect.log || { cat $(D)/collect.log >&2; exit 2; }
 
