@@ -59,9 +59,13 @@ job_script() {
 # until_gone: waits until `in_queue` (the engine's own) says that nothing of ours is left. It prints
 # what is in the queue, and fails while the scheduler does not answer, which is no reason to go on.
 until_gone() {
-    local pause=2 left
+    local pause=2 left told=''
     while :; do
         if left=$(in_queue) && [ -z "$left" ]; then return; fi
+        if [ -z "$told" ] && grep -m 1 Held <<<"$left" >&2; then
+            say "held by the scheduler or the site; waiting until it is released or cancelled"
+            told=yes
+        fi
         sleep "${site[POLL]:-$pause}"
         # Schedulers are shared: ask at ever longer intervals, up to half a minute.
         pause=$((pause < 20 ? pause * 3 / 2 : 30))

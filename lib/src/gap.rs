@@ -9,6 +9,7 @@ pub mod diagnosis;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
+mod hat;
 pub mod hypothesis;
 pub mod locate;
 pub mod measurement;
@@ -20,7 +21,10 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
+mod scatter;
 pub mod self_check;
+pub mod shrink;
+pub mod standardised;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]

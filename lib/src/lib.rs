@@ -26,6 +26,7 @@ pub mod filter;
 pub mod gap;
 pub mod misfit;
 pub mod mixture;
+pub mod normal;
 pub mod observations;
 pub mod predict;
 pub mod prior;

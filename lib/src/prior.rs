@@ -4,8 +4,9 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-use statrs::function::erf::{erfc, erfc_inv};
 
+use crate::normal::Truncated;
+pub use crate::normal::{normal_cdf, normal_quantile};
 use crate::table::Table;
 
 /// How a parameter is spread between its bounds.
@@ -162,16 +163,16 @@ impl Prior {
                     format_args!("give the value of {name} at which the effect {effect} is absent"),
                 );
             }
-            if let Some(effect) = &effect {
-                if let Err(problem) = check_effect_name(effect) {
-                    return table.fail(row, "effect", problem);
-                }
+            if let Some(effect) = &effect
+                && let Err(problem) = check_effect_name(effect)
+            {
+                return table.fail(row, "effect", problem);
             }
             let off = effect.as_ref().and(off);
             let unit = text(row, "unit")?;
             let parameter =
                 Parameter { name: name.to_owned(), lower, upper, scale, normal, effect, off, unit };
-            if parameter.truncation().is_some_and(|(below, above)| !(above - below > 0.0)) {
+            if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
                 return table.fail(row, "mean", format_args!(
                     "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
                 ));
@@ -261,12 +262,10 @@ fn check_effect_name(name: &str) -> Result<(), String> {
 impl Parameter {
     /// The value below which the prior holds the share `u` in [0, 1] of its probability.
     pub fn quantile(&self, u: f64) -> f64 {
-        let value = match self.normal {
-            None => {
-                let (low, high) = self.scaled_bounds();
-                low + u * (high - low)
-            }
-            Some((mean, sd)) => mean + sd * self.truncated_normal_quantile(u),
+        let (low, high) = self.scaled_bounds();
+        let value = match (self.normal, self.truncated()) {
+            (Some((mean, sd)), Some(truncated)) => mean + sd * truncated.quantile(u),
+            _ => low + u * (high - low),
         };
         let value = match self.scale {
             Scale::Linear => value,
@@ -304,11 +303,11 @@ impl Parameter {
         if !(0.0..=1.0).contains(&z) {
             return f64::NEG_INFINITY;
         }
-        let (Some((mean, sd)), Some((below, above))) = (self.normal, self.truncation()) else { return 0.0 };
+        let (Some((mean, sd)), Some(truncated)) = (self.normal, self.truncated()) else { return 0.0 };
         let (low, high) = self.scaled_bounds();
         let standard = (low + z * (high - low) - mean) / sd;
         -0.5 * standard * standard - 0.5 * std::f64::consts::TAU.ln() + ((high - low) / sd).ln()
-            - (above - below).ln()
+            - truncated.ln_mass()
     }
 
     /// Standard deviation of the prior, in the parameter's own unit.
@@ -328,42 +327,12 @@ impl Parameter {
         }
     }
 
-    /// Whether the bounds lie mostly above the mean, so that the upper tail is the accurate side.
-    fn is_mirrored(&self) -> bool {
-        let (low, high) = self.scaled_bounds();
-        self.normal.is_some_and(|(mean, _)| low + high > 2.0 * mean)
-    }
-
-    /// Normal probabilities below the two ends of the truncated range, on the accurate side.
-    fn truncation(&self) -> Option<(f64, f64)> {
+    /// The normal prior in standard deviations from its mean.
+    fn truncated(&self) -> Option<Truncated> {
         let (mean, sd) = self.normal?;
         let (low, high) = self.scaled_bounds();
-        let (a, b) = ((low - mean) / sd, (high - mean) / sd);
-        Some(if self.is_mirrored() {
-            (normal_cdf(-b), normal_cdf(-a))
-        } else {
-            (normal_cdf(a), normal_cdf(b))
-        })
+        Some(Truncated::new((low - mean) / sd, (high - mean) / sd))
     }
-
-    fn truncated_normal_quantile(&self, u: f64) -> f64 {
-        let (below, above) = self.truncation().unwrap_or((0.0, 1.0));
-        if self.is_mirrored() {
-            -normal_quantile(below + (1.0 - u) * (above - below))
-        } else {
-            normal_quantile(below + u * (above - below))
-        }
-    }
-}
-
-/// Standard normal distribution function.
-pub fn normal_cdf(x: f64) -> f64 {
-    0.5 * erfc(-x / std::f64::consts::SQRT_2)
-}
-
-/// Inverse of the standard normal distribution function; −∞ at 0, +∞ at 1.
-pub fn normal_quantile(p: f64) -> f64 {
-    -std::f64::consts::SQRT_2 * erfc_inv(2.0 * p)
 }
 
 impl fmt::Display for Scale {

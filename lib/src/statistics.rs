@@ -54,7 +54,8 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
 
 /// Quantiles under weights that sum to one, linear between the midpoints of the samples' shares.
 ///
-/// With equal weights these are Hazen's plotting positions, (i − ½)/n.
+/// Samples of the same value are one sample with their weights together, so that the order of the rows
+/// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n.
 #[derive(Clone, Debug)]
 pub struct Quantiles {
     /// Values with a weight above zero, in order, and the probability below the middle of each.
@@ -66,7 +67,12 @@ impl Quantiles {
     pub fn new(values: &[f64], weights: &[f64]) -> Self {
         let mut points: Vec<(f64, f64)> =
             values.iter().copied().zip(weights.iter().copied()).filter(|&(_, w)| w > 0.0).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        points.dedup_by(|next, kept| {
+            let is_tie = next.0 == kept.0;
+            kept.1 += if is_tie { next.1 } else { 0.0 };
+            is_tie
+        });
         let mut below = 0.0;
         for (_, weight) in &mut points {
             let share = *weight;

@@ -3,21 +3,10 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use gl::table::Table;
-
-fn tool(name: &str) -> Command {
-    let mut release = std::env::current_exe().unwrap();
-    release.pop();
-    release.pop();
-    Command::new(release.join(name))
-}
-
-fn example(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name)
-}
+use pipelines::{example, tool};
 
 /// Keys and values of a `case.env`.
 fn case(name: &str, key: &str) -> String {
@@ -134,6 +123,12 @@ fn bad_input_is_said_and_nothing_is_written() {
     refused("gl-triaxial", &["-s", "-"], table, "unknown parameter nu; the parameters are G0");
     refused("gl-triaxial", &["--curve", "phi=3"], "", "unknown parameter phi");
     refused("gl-triaxial", &["--curve", "de=0.5,c=-3"], "", "c = -3, but it makes sense from 0 to 1000 only");
+    refused(
+        "gl-contact",
+        &["--curve", "nu=0.2", "--noise", "f=-1"],
+        "",
+        "--noise f=-1: a standard deviation",
+    );
     refused("gl-triaxial", &[], "", "--samples");
 }
 

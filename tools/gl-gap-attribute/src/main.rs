@@ -176,5 +176,5 @@ fn note(message: impl std::fmt::Display) {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-attribute", run(&Args::parse()))
+    gl::cli::finish("gl-gap-attribute", run(&gl::cli::parse()))
 }
