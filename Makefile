@@ -43,6 +43,18 @@ diagnose: build
 	@$(MAKE) --no-print-directory -s -f scripts/diagnose.mk CASE=$(CASE) ENGINE=$(ENGINE) OUT=$(OUT) $(OUT)/report.md
 	@echo "The report is $(OUT)/report.md"
 
+## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 10 minutes
+CASES ?= 200
+SEED ?= 1000
+withheld: build
+	@for world in contact triaxial; do dir=out/withheld/$$world; mkdir -p $$dir; echo "## $$world"; \
+	     withheld generate $$world $$dir --num $(CASES) --seed $(SEED) && withheld diagnose $$world $$dir && \
+	     withheld score $$dir | tee $$dir/score.tsv || exit; done
+
+## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
+bench: build
+	@scripts/bench/run
+
 ## make man                         manual pages and completions, in out/man
 man: build
 	@mkdir -p out/man
@@ -65,4 +77,4 @@ install: man
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate diagnose man install clean
+.PHONY: help demo test build calibrate diagnose withheld bench man install clean

@@ -14,7 +14,7 @@ PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 
 SEED ?= 0
 SAMPLING ?= slice
-ESS ?= 0.3
+ESS ?= 0.2
 MAX_FAILED ?= 0.5
 export CASE
 
@@ -37,12 +37,10 @@ $(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(CASE)/case.env
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
 	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
 
-# What the next samples are drawn from: tempered, so that ESS of the runs of one iteration keep weight,
-# but enough to see the shape of the posterior in (2 d + 4 with d parameters).
-KEPT := $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { least = 2 * (rows - 1) + 4; kept = $(ESS) * $(NUM); print (kept > least ? kept : least) }' $(PARAMS))
+# What the next samples are drawn from: tempered, so that enough runs keep weight.
 # Of what gl-filter writes the weights come last, so that they stand for all of it.
 $(D)/weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
-	@gl-filter $(FILTER) --ess-runs $(KEPT) --sigma-min noise --history $(D)/history.txt \
+	@gl-filter $(FILTER) --ess-runs $$(awk -v share=$(ESS) -f "$(SCRIPTS)kept.awk" $(D)/samples.txt) --sigma-min noise --history $(D)/history.txt \
 	 --summary $(D)/summary.txt -o $@ $^ 2>$(D)/filter.log || { cat $(D)/filter.log >&2; exit 2; }
 
 # The posterior itself, from all runs so far.

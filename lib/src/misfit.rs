@@ -97,6 +97,8 @@ pub struct RunMisfit {
     pub misfit: Vec<f64>,
     /// Mean over the observables of |r| / range, shape (steps,).
     pub error: Vec<f64>,
+    /// What noise alone would make of the misfit at each step, shape (steps,).
+    pub expected: Vec<f64>,
     /// Independent readings among the residuals, over all steps and observables.
     pub readings: f64,
 }
@@ -127,7 +129,8 @@ impl<'a> Comparison<'a> {
     pub fn run(&self, curves: &[f64], sd: Option<&[f64]>) -> RunMisfit {
         let m = self.observations.names.len();
         let n = self.steps.len();
-        let mut result = RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0 };
+        let mut result =
+            RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], expected: vec![0.0; n], readings: 0.0 };
         let mut residuals = vec![0.0; n];
         for j in 0..m {
             for (i, t) in self.steps.clone().enumerate() {
@@ -135,7 +138,9 @@ impl<'a> Comparison<'a> {
                 let variance = self.covariance.variance[j][t];
                 let own = sd.map_or(0.0, |sd| sd[t * m + j] * sd[t * m + j]);
                 let squared = residual * residual / (variance + own);
-                result.misfit[i] += squared + (own / variance).ln_1p();
+                let ln_widening = (own / variance).ln_1p();
+                result.misfit[i] += squared + ln_widening;
+                result.expected[i] += 1.0 + ln_widening;
                 result.error[i] += residual.abs() / (self.ranges[j] * m as f64);
                 residuals[i] = residual / variance.sqrt();
             }
@@ -144,11 +149,12 @@ impl<'a> Comparison<'a> {
         result
     }
 
-    /// Read an ensemble table and write the misfit table, `sample step misfit error readings`, a few
-    /// megabytes at a time: memory does not grow with the number of runs.
+    /// Read an ensemble table and write the misfit table, `sample step misfit error readings expected`,
+    /// a few megabytes at a time: memory does not grow with the number of runs.
     ///
     /// `readings` is the number of independent readings that a row stands for, so that their sum over
-    /// a run says how many there are to estimate the noise from; 0 where the noise is known.
+    /// a run says how many there are to estimate the noise from; 0 where the noise is known. Then
+    /// `expected` is the misfit that this noise alone would make, and 0 where it is not known.
     ///
     /// # Errors
     /// If the table cannot be read or written, or a run does not have the steps of the measurement.
@@ -157,7 +163,7 @@ impl<'a> Comparison<'a> {
         let columns =
             Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
         output
-            .write_all(b"sample\tstep\tmisfit\terror\treadings\n")
+            .write_all(b"sample\tstep\tmisfit\terror\treadings\texpected\n")
             .context("the misfits cannot be written")?;
         table.for_each(
             |piece, format| self.piece(piece, format, &columns),
@@ -244,6 +250,8 @@ impl<'a> Comparison<'a> {
             push_number(output, run.error[i]);
             output.push(b'\t');
             output.extend_from_slice(&readings);
+            output.push(b'\t');
+            push_number(output, if self.covariance.is_noise { run.expected[i] } else { 0.0 });
             output.push(b'\n');
         }
     }

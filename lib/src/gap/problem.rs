@@ -25,6 +25,8 @@ pub struct Problem<'a> {
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
+    /// Name of the control.
+    pub control_name: String,
     /// The control.
     pub path: Path,
     /// Standard deviation of the noise of every reading, shape (observables · steps); estimated
@@ -52,7 +54,7 @@ const SMALL: f64 = 0.15;
 
 /// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
 /// the normal distribution.
-const HEAVY_TAILS: f64 = 2.0;
+const HEAVY_TAILS: f64 = 4.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
@@ -119,6 +121,7 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
+            control_name: observations.control_name.clone(),
             path,
             noise,
             scatter,

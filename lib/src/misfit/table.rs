@@ -20,6 +20,8 @@ pub struct Misfits {
     error: Vec<f64>,
     /// Independent readings of each run to estimate the noise from; 0 where the noise is known.
     pub readings: Vec<f64>,
+    /// Misfit of each run that the noise alone would make, shape (runs,); 0 where it is not known.
+    pub expected: Vec<f64>,
 }
 
 /// What one piece of the table holds.
@@ -32,10 +34,12 @@ struct Piece {
     misfit: Vec<f64>,
     error: Vec<f64>,
     readings: Vec<f64>,
+    expected: Vec<f64>,
 }
 
 impl Misfits {
-    /// Read misfit tables, `sample step misfit error` and optionally `readings`, as one.
+    /// Read misfit tables, `sample step misfit error` and optionally `readings` and `expected`, as
+    /// one.
     ///
     /// Without a column `readings` each step counts as one reading.
     ///
@@ -62,9 +66,9 @@ impl Misfits {
             format.column("misfit")?,
             format.column("error")?,
         ];
-        let readings = format.find("readings")?;
+        let optional = [format.find("readings")?, format.find("expected")?];
         table.for_each(
-            |piece, format| read_piece(piece, format, columns, readings),
+            |piece, format| read_piece(piece, format, columns, optional),
             |piece| {
                 let mut from = 0;
                 for (i, (sample, length)) in piece.samples.into_iter().zip(piece.lengths).enumerate() {
@@ -83,6 +87,7 @@ impl Misfits {
                     }
                     self.samples.push(sample);
                     self.readings.push(piece.readings[i]);
+                    self.expected.push(piece.expected[i]);
                     from += length;
                 }
                 self.misfit.extend(piece.misfit);
@@ -123,7 +128,7 @@ fn read_piece(
     piece: &str,
     format: &Format,
     columns: [usize; 4],
-    readings: Option<usize>,
+    [readings, expected]: [Option<usize>; 2],
 ) -> Result<Piece, Flaw> {
     let [sample, step, misfit, error] = columns;
     let mut rows = Piece::default();
@@ -141,15 +146,17 @@ fn read_piece(
         rows.misfit.push(value(misfit)?);
         rows.error.push(value(error)?);
         let share = readings.map_or(Ok(1.0), value)?;
+        let noise = expected.map_or(Ok(0.0), value)?;
         if rows.samples.last().is_none_or(|last| last != fields[sample]) {
             rows.samples.push(fields[sample].to_owned());
             rows.lengths.push(0);
             rows.readings.push(0.0);
+            rows.expected.push(0.0);
         }
-        if let (Some(length), Some(readings)) = (rows.lengths.last_mut(), rows.readings.last_mut()) {
-            *length += 1;
-            *readings += share;
-        }
+        let last = rows.lengths.len() - 1;
+        rows.lengths[last] += 1;
+        rows.readings[last] += share;
+        rows.expected[last] += noise;
     }
     Ok(rows)
 }

@@ -62,7 +62,7 @@ fn run(args: &Args) -> Result<bool> {
         return Ok(false);
     }
     note("gl-check-stop", format_args!("stop, by {}", met.join(" and ")));
-    for doubt in doubts(&summary)? {
+    for doubt in doubts(&summary, &criteria)? {
         note("gl-check-stop", doubt);
     }
     Ok(true)

@@ -114,6 +114,7 @@ fn run(args: &Args) -> Result<()> {
         bounds: &bounds,
         prior_sd: prior_sd.as_deref(),
         failed: samples.len() - misfits.len(),
+        expected: &misfits.expected,
     };
     let mut summary = evidence.summary()?;
     if let Some(Sigma(Target::Sigma(sigma))) = args.sigma_min {
