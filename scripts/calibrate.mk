@@ -53,7 +53,11 @@ $(D)/misfit.txt: $(D)/ensemble.txt
 	@gl-likelihood -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(MISFIT) -o $@ $<
 
 $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
+<<<<<<< HEAD
 	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
+=======
+	@"$(SCRIPTS)run-$(ENGINE)" $(RUN_OPTIONS) $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs
+>>>>>>> queue
 	@gl-collect -s $(D)/samples.txt -b $(OBS) -c '$(CONTROL)' -v '$(OBSERVABLES)' --max-failed $(MAX_FAILED) \
 	 --status $(D)/status.txt -o $@ $(D)/runs 2>$(D)/collect.log || { cat $(D)/collect.log >&2; exit 2; }
 

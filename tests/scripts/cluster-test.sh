@@ -74,7 +74,7 @@ a_killed_engine_finds_its_array_again() {
     local group=$!
     until [ -e started ]; do sleep 0.1; done
     kill -9 -- "-$group"
-    ends_with 0 run-slurm --no-wait samples.txt "$model" runs
+    ends_with 3 run-slurm --no-wait samples.txt "$model" runs
     says 'in the queue already'
     ends_with 2 run-local samples.txt "$model" runs
     says 'run-slurm has runs in the queue'
@@ -86,7 +86,7 @@ a_killed_engine_finds_its_array_again() {
 no_wait_prints_the_jobs_and_returns() {
     with_slurm
     with_model
-    ends_with 0 run-slurm --no-wait samples.txt "$model" runs
+    ends_with 3 run-slurm --no-wait samples.txt "$model" runs
     grep -qE '^gl-[0-9-]+ [0-9]+$' out
 }
 
