@@ -7,28 +7,19 @@
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
 include $(CASE)/case.env
+include $(SCRIPTS)columns.mk
 
 I ?= 0
 D := $(OUT)/iter$(I)
 ALL := $(foreach i,$(shell seq 0 $(I)),$(OUT)/iter$(i))
 PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 
-# What the measurement calls the columns; gl-collect is also told what the runs call them.
-comma := ,
-measured = $(firstword $(subst =, ,$(1)))
-CONTROL_NAME := $(call measured,$(CONTROL))
-OBSERVABLE_NAMES := $(subst $() ,$(comma),$(foreach v,$(subst $(comma), ,$(OBSERVABLES)),$(call measured,$(v))))
-
-PARAMS := $(CASE)/params.txt
-OBS := $(CASE)/obs.txt
-ENGINE_MODEL := $(or $(MODEL_$(subst -,_,$(ENGINE))),$(MODEL))
 SEED ?= 0
 SAMPLING ?= slice
-ESS ?= 0.3
+ESS ?= 0.2
 MAX_FAILED ?= 0.5
 export CASE
 
-option = $(if $(2),$(1) $(2))
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
 MISFIT := $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
           $(call option,--steps,$(STEPS))
@@ -46,25 +37,25 @@ STOP := $(call option,--sigma-tol,$(SIGMA_TOL)) $(call option,--error-tol,$(ERRO
 $(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(CASE)/case.env
 	@code=0; gl-check-stop $(STOP) -o $(D)/stop.txt $(D)/summary.txt 2>$(D)/.stop.log || code=$$?; \
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
-	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$@.part; mv $@.part $@
+	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
 
-# What the next samples are drawn from: tempered, so that ESS of the runs of one iteration keep weight,
-# but enough to see the shape of the posterior in (2 d + 4 with d parameters).
-KEPT := $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { least = 2 * (rows - 1) + 4; kept = $(ESS) * $(NUM); print (kept > least ? kept : least) }' $(PARAMS))
+# What the next samples are drawn from: tempered, so that enough runs keep weight.
 # Of what gl-filter writes the weights come last, so that they stand for all of it.
 $(D)/weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
-	@gl-filter $(FILTER) --ess-runs $(KEPT) --sigma-min noise --history $(D)/history.txt \
+	@kept=$$(awk -v share=$(ESS) -f "$(SCRIPTS)kept.awk" $(D)/samples.txt); \
+	 gl-filter $(FILTER) --ess-runs $$kept --sigma-min noise --history $(D)/history.txt \
 	 --summary $(D)/summary.txt -o $@ $^ 2>$(D)/filter.log || { cat $(D)/filter.log >&2; exit 2; }
 
 # The posterior itself, from all runs so far.
 $(D)/posterior-weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
-	@gl-filter $(FILTER) --sigma noise --summary $(D)/posterior.txt -o $@ $^ 2>$(D)/posterior.log || { cat $(D)/posterior.log >&2; exit 2; }
+	@gl-filter $(FILTER) --sigma noise --summary $(D)/posterior.txt -o $@ $^ 2>$(D)/posterior.log \
+	 || { cat $(D)/posterior.log >&2; exit 2; }
 
 $(D)/misfit.txt: $(D)/ensemble.txt
 	@gl-likelihood -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(MISFIT) -o $@ $<
 
 $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
-	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
+	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(RUN_OPTIONS) $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
 	@gl-collect -s $(D)/samples.txt -b $(OBS) -c '$(CONTROL)' -v '$(OBSERVABLES)' --max-failed $(MAX_FAILED) \
 	 --status $(D)/status.txt -o $@ $(D)/runs 2>$(D)/collect.log || { cat $(D)/collect.log >&2; exit 2; }
 

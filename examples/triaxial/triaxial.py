@@ -24,7 +24,7 @@ STRAIN = 0.1
 RECORDS = 50
 # Contact friction in the isotropic compression, before it is lowered.
 LOOSE = 0.5
-# Quasi-static: below 0.003 the result no longer depends on it.
+# Small, for quasi-static loading.
 INERTIAL_NUMBER = 2e-3
 
 p = gl_yade.parameters(mu=0.4, kr=0.5, eta=0.0, E_m=8.0, c=0.0, n0=0.41, m=0.0, d=0.0, seed=0)

@@ -14,6 +14,7 @@ pub mod gp;
 mod inputs;
 mod kernel;
 mod minimise;
+mod points;
 pub mod table;
 #[cfg(test)]
 mod tests;

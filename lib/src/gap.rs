@@ -3,9 +3,13 @@
 
 pub mod adequacy;
 pub mod attribution;
+pub mod closure;
+pub mod confounding;
+pub mod diagnosis;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
+mod hat;
 pub mod hypothesis;
 pub mod locate;
 pub mod measurement;
@@ -17,7 +21,12 @@ mod precision;
 pub mod predictor;
 pub mod problem;
 pub mod residual;
+mod scatter;
+pub mod self_check;
+pub mod shrink;
+pub mod standardised;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod synthetic_world;
+pub mod verdict;

@@ -72,6 +72,19 @@ impl Proposal {
         self.weights.iter().copied().zip(&self.gaussians)
     }
 
+    /// The components as some of the parameters see them, by position: weight and distribution of each.
+    ///
+    /// # Errors
+    /// If such a covariance is not positive definite.
+    pub fn marginal(&self, axes: &[usize]) -> Result<Vec<(f64, Gaussian)>> {
+        let one = |((&weight, mean), covariance): ((&f64, &Vec<f64>), &DMatrix<f64>)| {
+            let mean: Vec<f64> = axes.iter().map(|&j| mean[j]).collect();
+            let covariance = DMatrix::from_fn(axes.len(), axes.len(), |i, j| covariance[(axes[i], axes[j])]);
+            Ok((weight, Gaussian::new(&mean, &covariance)?))
+        };
+        self.weights.iter().zip(&self.means).zip(&self.covariances).map(one).collect()
+    }
+
     /// ln of the mixture's density at a point of the unit cube, wherever its support is.
     pub fn ln_mixture(&self, z: &[f64]) -> f64 {
         let mut scratch = vec![0.0; z.len()];

@@ -95,6 +95,11 @@ impl Weights {
         self.samples.is_empty()
     }
 
+    /// Position of each sample by its name.
+    pub fn index(&self) -> HashMap<&str, usize> {
+        self.samples.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
+    }
+
     /// How many of the parameters vary from sample to sample.
     pub fn varying(&self) -> usize {
         let varies = |j: &usize| self.values.iter().any(|row| row[*j] != self.values[0][*j]);
@@ -106,18 +111,17 @@ impl Weights {
     /// # Errors
     /// If a run has no weight here, or a sample with a weight above zero has no run.
     pub fn of_runs(&self, ensemble: &Ensemble) -> Result<Vec<f64>> {
-        let known: HashMap<&str, f64> =
-            self.samples.iter().map(String::as_str).zip(self.weight.iter().copied()).collect();
+        let known = self.index();
         let mut weights = Vec::with_capacity(ensemble.len());
         for sample in &ensemble.samples {
-            let Some(&weight) = known.get(sample.as_str()) else {
+            let Some(&row) = known.get(sample.as_str()) else {
                 bail!(
                     "{}: no sample {sample}, which {} has; weigh these very runs",
                     self.source,
                     ensemble.source
                 );
             };
-            weights.push(weight);
+            weights.push(self.weight[row]);
         }
         let runs: HashSet<&str> = ensemble.samples.iter().map(String::as_str).collect();
         for (sample, &weight) in self.samples.iter().zip(&self.weight) {

@@ -59,7 +59,7 @@ pub struct Curves {
 
 /// A simulator of known physics.
 pub trait World: Sync {
-    /// Its parameters, in the order that [`World::simulate`] takes them.
+    /// Its parameters, in the order that [`simulate`] takes them.
     fn inputs(&self) -> &'static [Input];
 
     /// Name of the control column.

@@ -1,6 +1,8 @@
 //! The posterior that a calibration ends with, against the truth it was made from: simulation-based
 //! calibration on y = a x + b (Talts et al. 2018, arXiv:1804.06788).
 
+#![allow(clippy::unwrap_used)]
+
 use gl::design::{Effects, draw};
 use gl::filter::{Noise, Runs, Target, weigh};
 use gl::misfit::{Comparison, Covariance, Scale};

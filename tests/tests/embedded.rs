@@ -123,6 +123,12 @@ fn bad_input_is_said_and_nothing_is_written() {
     refused("gl-triaxial", &["-s", "-"], table, "unknown parameter nu; the parameters are G0");
     refused("gl-triaxial", &["--curve", "phi=3"], "", "unknown parameter phi");
     refused("gl-triaxial", &["--curve", "de=0.5,c=-3"], "", "c = -3, but it makes sense from 0 to 1000 only");
+    refused(
+        "gl-contact",
+        &["--curve", "nu=0.2", "--noise", "f=-1"],
+        "",
+        "--noise f=-1: a standard deviation",
+    );
     refused("gl-triaxial", &[], "", "--samples");
 }
 

@@ -142,7 +142,7 @@ fn factor(a: &Square, jitter: f64) -> Option<Square> {
         }
         let square = source[i] + jitter - dot(&row[..i], &row[..i]);
         // Below this the pivot is rounding error.
-        if !(square > 4.0 * f64::EPSILON * (source[i] + jitter)) {
+        if square.is_nan() || square <= 4.0 * f64::EPSILON * (source[i] + jitter) {
             return None;
         }
         row[i] = square.sqrt();
@@ -162,4 +162,59 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     }
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     sums.iter().sum::<f64>() + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_factor_inverts_and_its_determinant_scales(
+            n in 1_usize..23, seed in prop::collection::vec(-1.0_f64..1.0, 23 * 23)
+        ) {
+            // B Bᵀ + I, of which only the lower half is given.
+            let b = |i: usize, k: usize| seed[i * 23 + k];
+            let entry = |i: usize, j: usize| {
+                (0..n).map(|k| b(i, k) * b(j, k)).sum::<f64>() + f64::from(u8::from(i == j))
+            };
+            let (mut a, mut twice) = (Square::zeros(n), Square::zeros(n));
+            for i in 0..n {
+                for j in 0..=i {
+                    a.row_mut(i)[j] = entry(i, j);
+                    twice.row_mut(i)[j] = 2.0 * entry(i, j);
+                }
+            }
+            let cholesky = Cholesky::new(&a).unwrap();
+            prop_assert!(cholesky.jitter() == 0.0);
+            let twice = Cholesky::new(&twice).unwrap().ln_determinant();
+            prop_assert!((twice - cholesky.ln_determinant() - n as f64 * 2.0_f64.ln()).abs() < 1e-11);
+            let inverse = upper_times_transpose(&cholesky.upper_inverse());
+            let full = |i: usize, j: usize| inverse.row(i.max(j))[i.min(j)];
+            for i in 0..n {
+                let mut solved: Vec<f64> = (0..n).map(|j| entry(i, j)).collect();
+                cholesky.solve(&mut solved);
+                for (j, solved) in solved.into_iter().enumerate() {
+                    let unit = f64::from(u8::from(i == j));
+                    prop_assert!((solved - unit).abs() < 1e-10);
+                    let product: f64 = (0..n).map(|k| entry(i, k) * full(k, j)).sum();
+                    prop_assert!((product - unit).abs() < 1e-10);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_singular_covariance_gets_a_jitter() {
+        let mut a = Square::zeros(3);
+        (0..3).for_each(|i| a.row_mut(i).fill(1.0));
+        let cholesky = Cholesky::new(&a).unwrap();
+        assert!(cholesky.jitter() > 0.0 && cholesky.jitter() < 1e-9);
+        let mut not_definite = Square::zeros(2);
+        not_definite.row_mut(0)[0] = 1.0;
+        not_definite.row_mut(1)[1] = -1.0;
+        assert!(Cholesky::new(&not_definite).is_err());
+    }
 }

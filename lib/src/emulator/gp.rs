@@ -4,21 +4,11 @@
 //! length an input, and ε independent of variance s² η: the scatter of the simulation itself. β is
 //! integrated over a flat prior (restricted likelihood, Harville 1974), s² is estimated.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 
 use super::cholesky::{Cholesky, Square, dot, upper_times_transpose};
 use super::kernel::ScaledPoints;
-
-/// The mean function.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mean {
-    /// Zero.
-    Zero,
-    /// A constant.
-    Constant,
-    /// A constant and a slope along each input.
-    Linear,
-}
+pub use super::points::{Mean, Points};
 
 /// What training finds.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,90 +19,6 @@ pub struct Hyperparameters {
     pub nugget_ratio: f64,
     /// s², the variance of the process; estimated from the readings if absent.
     pub variance: Option<f64>,
-}
-
-/// Points with the mean function at them, shared by all outputs over the same points.
-#[derive(Clone, Debug)]
-pub struct Points {
-    /// Input-major, shape (inputs, points).
-    inputs: Vec<Vec<f64>>,
-    /// Inputs that the mean function has a slope along.
-    sloped: Vec<usize>,
-    has_constant: bool,
-    /// The mean function's terms at the points, shape (terms, points).
-    terms: Vec<Vec<f64>>,
-    n: usize,
-}
-
-impl Points {
-    /// Points from rows of inputs, shape (points, inputs).
-    ///
-    /// A slope along an input that the inputs before it determine at every point is left out.
-    ///
-    /// # Errors
-    /// If there are not at least two points more than terms in the mean function.
-    pub fn new(rows: &[Vec<f64>], mean: Mean) -> Result<Self> {
-        let n = rows.len();
-        let d = rows.first().map_or(0, Vec::len);
-        let inputs: Vec<Vec<f64>> = (0..d).map(|q| rows.iter().map(|row| row[q]).collect()).collect();
-        let has_constant = mean != Mean::Zero;
-        let mut terms: Vec<Vec<f64>> = Vec::new();
-        let mut sloped = Vec::new();
-        let mut basis: Vec<Vec<f64>> = Vec::new();
-        if has_constant {
-            terms.push(vec![1.0; n]);
-            basis.push(vec![1.0 / (n as f64).sqrt(); n]);
-        }
-        for q in (0..d).filter(|_| mean == Mean::Linear) {
-            let mut rest = inputs[q].clone();
-            for _ in 0..2 {
-                for known in &basis {
-                    let along = dot(known, &rest);
-                    rest.iter_mut().zip(known).for_each(|(x, k)| *x -= along * k);
-                }
-            }
-            let length = dot(&rest, &rest).sqrt();
-            if length > 1e-6 * dot(&inputs[q], &inputs[q]).sqrt() {
-                rest.iter_mut().for_each(|x| *x /= length);
-                basis.push(rest);
-                terms.push(inputs[q].clone());
-                sloped.push(q);
-            }
-        }
-        ensure!(
-            n >= terms.len() + 2,
-            "{n} points for a mean function of {} terms; at least {} are needed",
-            terms.len(),
-            terms.len() + 2
-        );
-        Ok(Self { inputs, sloped, has_constant, terms, n })
-    }
-
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.n
-    }
-
-    /// Whether there are no points.
-    pub fn is_empty(&self) -> bool {
-        self.n == 0
-    }
-
-    /// Number of inputs.
-    pub fn dimension(&self) -> usize {
-        self.inputs.len()
-    }
-
-    /// The points of one input, shape (points,).
-    pub fn input(&self, q: usize) -> &[f64] {
-        &self.inputs[q]
-    }
-
-    /// The mean function's terms at another point, shape (terms,).
-    fn terms_at(&self, x: &[f64]) -> Vec<f64> {
-        let constant = self.has_constant.then_some(1.0);
-        constant.into_iter().chain(self.sloped.iter().map(|&q| x[q])).collect()
-    }
 }
 
 /// The factors of a covariance s² A, A = R + η I, with the mean function projected out of it.
@@ -399,7 +305,6 @@ fn lower_times(lower: &Square, k: &[f64]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
     use serde_json::Value;
 
     use super::*;
@@ -537,53 +442,5 @@ mod tests {
         let points = Points::new(&rows, Mean::Linear).unwrap();
         assert_eq!(points.sloped, [0, 1]);
         assert!(ln_likelihood(&points, &y, &hyper(None)).unwrap().0.is_finite());
-    }
-
-    proptest! {
-        #[test]
-        fn a_factor_inverts_and_its_determinant_scales(
-            n in 1_usize..23, seed in prop::collection::vec(-1.0_f64..1.0, 23 * 23)
-        ) {
-            // B Bᵀ + I, of which only the lower half is given.
-            let b = |i: usize, k: usize| seed[i * 23 + k];
-            let entry = |i: usize, j: usize| {
-                (0..n).map(|k| b(i, k) * b(j, k)).sum::<f64>() + f64::from(u8::from(i == j))
-            };
-            let (mut a, mut twice) = (Square::zeros(n), Square::zeros(n));
-            for i in 0..n {
-                for j in 0..=i {
-                    a.row_mut(i)[j] = entry(i, j);
-                    twice.row_mut(i)[j] = 2.0 * entry(i, j);
-                }
-            }
-            let cholesky = Cholesky::new(&a).unwrap();
-            prop_assert!(cholesky.jitter() == 0.0);
-            let twice = Cholesky::new(&twice).unwrap().ln_determinant();
-            prop_assert!((twice - cholesky.ln_determinant() - n as f64 * 2.0_f64.ln()).abs() < 1e-11);
-            let inverse = upper_times_transpose(&cholesky.upper_inverse());
-            let full = |i: usize, j: usize| inverse.row(i.max(j))[i.min(j)];
-            for i in 0..n {
-                let mut solved: Vec<f64> = (0..n).map(|j| entry(i, j)).collect();
-                cholesky.solve(&mut solved);
-                for j in 0..n {
-                    let unit = f64::from(u8::from(i == j));
-                    prop_assert!((solved[j] - unit).abs() < 1e-10);
-                    let product: f64 = (0..n).map(|k| entry(i, k) * full(k, j)).sum();
-                    prop_assert!((product - unit).abs() < 1e-10);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_singular_covariance_gets_a_jitter() {
-        let mut a = Square::zeros(3);
-        (0..3).for_each(|i| a.row_mut(i).fill(1.0));
-        let cholesky = Cholesky::new(&a).unwrap();
-        assert!(cholesky.jitter() > 0.0 && cholesky.jitter() < 1e-9);
-        let mut not_definite = Square::zeros(2);
-        not_definite.row_mut(0)[0] = 1.0;
-        not_definite.row_mut(1)[1] = -1.0;
-        assert!(Cholesky::new(&not_definite).is_err());
     }
 }

@@ -63,8 +63,8 @@ fn exp_below_zero(x: f64) -> f64 {
     // 1.5 · 2⁵²: adding it leaves the nearest integer in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     // ln 2 in two parts, the first with enough zeros at its end for exact multiples.
-    const LN_2_HIGH: f64 = 6.931_471_803_691_238_16e-1;
-    const LN_2_LOW: f64 = 1.908_214_929_270_587_70e-10;
+    const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
+    const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
     let x = if x > -708.0 { x } else { -708.0 };
     let rounded = x * std::f64::consts::LOG2_E + ROUND;
     let power = rounded - ROUND;

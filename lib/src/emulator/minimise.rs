@@ -95,7 +95,7 @@ fn update(inverse: &mut Vec<Vec<f64>>, s: &[f64], y: &[f64], is_fresh: bool) -> 
     let d = s.len();
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let (curvature, square) = (product(s, y), product(y, y));
-    if !(curvature > 1e-10 * square.sqrt() * product(s, s).sqrt()) {
+    if curvature.is_nan() || curvature <= 1e-10 * (square * product(s, s)).sqrt() {
         return false;
     }
     if is_fresh {

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 
-use super::{Check, Emulator, Reach};
+use super::{Check, Emulator, Prediction, Reach};
 use crate::ensemble::Ensemble;
 use crate::samples::Samples;
 use crate::table::TableWriter;
@@ -28,12 +28,12 @@ pub fn write_predictions(
     scatter: f64,
     path: Option<&Path>,
 ) -> Result<usize> {
-    ensure!(scatter >= 0.0 && scatter.is_finite(), "--scatter {scatter}: give a share of 0 or more");
     let parameters = emulator.prior.names();
     let values = at.columns(&parameters)?;
+    let coordinates: Vec<_> = values.iter().map(|values| emulator.coordinates(values)).collect();
     let mut outside = 0;
-    for (name, values) in at.names.iter().zip(&values) {
-        match emulator.reach(&emulator.coordinates(values)) {
+    for ((name, values), point) in at.names.iter().zip(&values).zip(&coordinates) {
+        match emulator.reach(point) {
             Reach::Inside => {}
             Reach::Outside(_) => outside += 1,
             Reach::Unknown(j) => bail!(
@@ -46,31 +46,67 @@ pub fn write_predictions(
         }
     }
 
-    let mut columns = vec!["sample".to_owned(), "step".to_owned(), ensemble.control_name.clone()];
-    columns.extend(ensemble.observables.iter().cloned());
-    columns.extend(ensemble.observables.iter().map(|name| format!("{name}_sd")));
-    let mut table = TableWriter::create(path, &columns)?;
-    let steps = emulator.steps();
-    let places: Vec<_> = (0..ensemble.observables.len()).map(|j| j * steps).collect();
-    for (names, values) in at.names.chunks(BATCH).zip(values.chunks(BATCH)) {
-        let predictions: Vec<_> =
-            values.par_iter().map(|values| emulator.predict(&emulator.coordinates(values))).collect();
+    let mut rows = PredictionWriter::new(emulator, ensemble, scatter, path)?;
+    for (names, points) in at.names.chunks(BATCH).zip(coordinates.chunks(BATCH)) {
+        let predictions: Vec<_> = points.par_iter().map(|point| emulator.predict(point)).collect();
+        rows.write(names, &predictions)?;
+    }
+    rows.table.finish()?;
+    Ok(outside)
+}
+
+/// Write the ensemble of the runs that an emulator was trained on, each predicted from all the others,
+/// with `_sd` columns as [`write_predictions`] has them.
+///
+/// # Errors
+/// If `scatter` is negative, or the table cannot be written.
+pub fn write_left_out(
+    emulator: &Emulator,
+    ensemble: &Ensemble,
+    scatter: f64,
+    path: Option<&Path>,
+) -> Result<()> {
+    let mut rows = PredictionWriter::new(emulator, ensemble, scatter, path)?;
+    rows.write(emulator.runs(), &emulator.leave_one_out())?;
+    rows.table.finish()
+}
+
+/// Writes predictions as an ensemble.
+struct PredictionWriter<'a> {
+    control: &'a [f64],
+    observables: usize,
+    scatter: f64,
+    table: TableWriter,
+}
+
+impl<'a> PredictionWriter<'a> {
+    fn new(emulator: &Emulator, ensemble: &'a Ensemble, scatter: f64, path: Option<&Path>) -> Result<Self> {
+        ensure!(scatter >= 0.0 && scatter.is_finite(), "--scatter {scatter}: give a share of 0 or more");
+        let mut columns = vec!["sample".to_owned(), "step".to_owned(), ensemble.control_name.clone()];
+        columns.extend(emulator.observables().iter().cloned());
+        columns.extend(emulator.observables().iter().map(|name| format!("{name}_sd")));
+        let table = TableWriter::create(path, &columns)?;
+        Ok(Self { control: &ensemble.control, observables: emulator.observables().len(), scatter, table })
+    }
+
+    fn write(&mut self, names: &[String], predictions: &[Prediction]) -> Result<()> {
+        let steps = self.control.len();
         for (name, prediction) in names.iter().zip(predictions) {
-            for (step, &control) in ensemble.control.iter().enumerate() {
-                table.text(name).number(step as f64).number(control);
-                for place in &places {
-                    table.number(prediction.mean[place + step]);
+            for (step, &control) in self.control.iter().enumerate() {
+                let outputs = (0..self.observables).map(|j| j * steps + step);
+                self.table.text(name).number(step as f64).number(control);
+                for o in outputs.clone() {
+                    self.table.number(prediction.mean[o]);
                 }
-                for place in &places {
-                    let o = place + step;
-                    table.number((prediction.variance[o] + scatter * prediction.scatter[o]).sqrt());
+                for o in outputs {
+                    let variance = prediction.variance[o] + self.scatter * prediction.scatter[o];
+                    self.table.number(variance.sqrt());
                 }
-                table.end_row()?;
+                self.table.end_row()?;
             }
         }
+        Ok(())
     }
-    table.finish()?;
-    Ok(outside)
 }
 
 /// Write `observable rmse rmse_range coverage90 scatter_sd`.

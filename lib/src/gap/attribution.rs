@@ -1,11 +1,14 @@
 //! Which effect explains the gap: the probability of every hypothesis.
 
 use anyhow::Result;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::gap::adequacy::{INADEQUATE, predictive_probability};
-use crate::gap::evidence::{Evidence, evidence};
+use crate::gap::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::gap::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::mode::{Mode, find};
 use crate::gap::model::Model;
 use crate::gap::problem::Problem;
 use crate::statistics::ln_sum_exp;
@@ -43,11 +46,15 @@ pub struct Attribution {
 }
 
 /// Prior odds that something is at work which is no candidate.
-const UNEXPLAINED_ODDS: f64 = 0.25;
+const UNEXPLAINED_ODDS: f64 = 0.5;
 
 /// Hypotheses within this of the most probable one (natural logarithm) are looked at more closely.
-const CLOSE: f64 = 7.0;
-const MOST_CLOSE: usize = 5;
+const CLOSE: f64 = 5.0;
+const MOST_CLOSE: usize = 4;
+
+/// Hypotheses further below the most probable one (natural logarithm, to second order about their
+/// modes) are out of the question, and their evidence is estimated coarsely.
+const HOPELESS: f64 = 15.0;
 
 /// Weigh every set of up to `largest` candidates against the measurement.
 ///
@@ -56,28 +63,51 @@ const MOST_CLOSE: usize = 5;
 pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Attribution> {
     let count = problem.candidates.len();
     let sets = hypotheses(count, largest);
-    let mut found: Vec<Evidence> = Vec::with_capacity(sets.len());
+    let random = |place: usize| {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(place as u64);
+        random
+    };
+    let mut modes: Vec<Vec<Mode>> = Vec::with_capacity(sets.len());
     for size in 0..=largest.min(count) {
-        let level: Vec<(usize, &Hypothesis)> =
-            sets.iter().enumerate().filter(|(_, set)| set.len() == size).collect();
-        let more: Vec<Evidence> = level
-            .into_par_iter()
+        let more: Vec<Vec<Mode>> = sets
+            .par_iter()
+            .enumerate()
+            .filter(|(_, set)| set.len() == size)
             .map(|(place, set)| {
                 let model = Model::new(problem, set, false);
-                let mut starts = Vec::new();
-                for (smaller, evidence) in sets.iter().zip(&found) {
-                    if smaller.len() + 1 == set.len() && smaller.iter().all(|member| set.contains(member)) {
-                        let theirs = Model::new(problem, smaller, false);
-                        starts.extend(
-                            evidence.modes.first().map(|mode| model.start_from(&theirs, mode.w.as_slice())),
-                        );
-                    }
-                }
-                evidence(&model, &starts, seed, place as u64)
+                let smaller = sets.iter().zip(&modes).filter(|(other, _)| {
+                    other.len() + 1 == size && other.iter().all(|member| set.contains(member))
+                });
+                let starts: Vec<Vec<f64>> = smaller
+                    .filter_map(|(other, modes)| {
+                        let theirs = Model::new(problem, other, false);
+                        Some(model.start_from(&theirs, modes.first()?.w.as_slice()))
+                    })
+                    .collect();
+                find(&model, &starts, &mut random(place))
             })
-            .collect::<Result<_>>()?;
-        found.extend(more);
+            .collect();
+        modes.extend(more);
     }
+    let rough: Vec<f64> = modes
+        .iter()
+        .zip(&sets)
+        .map(|(modes, set)| {
+            let parts: Vec<f64> = modes.iter().map(Mode::ln_evidence).collect();
+            ln_sum_exp(&parts) + ln_prior_odds(set, count)
+        })
+        .collect();
+    let highest = rough.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let found: Vec<Evidence> = modes
+        .into_par_iter()
+        .enumerate()
+        .map(|(place, modes)| {
+            let aim = if highest - rough[place] < HOPELESS { FINE } else { COARSE };
+            let model = Model::new(problem, &sets[place], false);
+            evidence(&model, modes, aim, &mut random(sets.len() + place))
+        })
+        .collect::<Result<_>>()?;
     let weight = |place: usize, found: &[Evidence]| found[place].ln + ln_prior_odds(&sets[place], count);
     let mut order: Vec<usize> = (0..sets.len()).collect();
     order.sort_by(|&a, &b| weight(b, &found).total_cmp(&weight(a, &found)));
@@ -102,8 +132,9 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
             let fits = predictive_probability(&model, &modes[0], seed)?;
             let starts: Vec<Vec<f64>> =
                 modes.iter().map(|mode| wider.start_from(&model, mode.w.as_slice())).collect();
-            let stream = (sets.len() + place) as u64;
-            Ok((place, fits, evidence(&wider, &starts, seed, stream)?.ln))
+            let mut random = random(2 * sets.len() + place);
+            let modes = find(&wider, &starts, &mut random);
+            Ok((place, fits, evidence(&wider, modes, FINE, &mut random)?.ln))
         })
         .collect::<Result<_>>()?;
 

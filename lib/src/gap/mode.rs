@@ -19,9 +19,9 @@ pub struct Mode {
 }
 
 /// Points of the prior from which the best are climbed.
-const SCREENED: usize = 96;
+const SCREENED: usize = 64;
 /// How many of them are climbed.
-const CLIMBED: usize = 3;
+const CLIMBED: usize = 2;
 /// Modes that lie further below the best are left to the wide part of the proposal.
 const NEGLIGIBLE: f64 = 12.0;
 const ITERATIONS: usize = 30;
@@ -70,12 +70,10 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
     settle_nuisances(model, &mut w, &curve);
     let mut value = objective(&w, &curve);
     let mut damping = 1e-2;
-    let mut information = DMatrix::identity(dimensions, dimensions);
-    for iteration in 0..ITERATIONS {
-        let Some((slope, curvature)) = normal_equations(model, &w, &curve) else { break };
-        information = curvature;
-        let mut gained = None;
-        while damping < 1e8 {
+    for iteration in 1..=ITERATIONS {
+        let Some((slope, information)) = normal_equations(model, &w, &curve) else { break };
+        let mut gained = 0.0;
+        while damping < 1e6 {
             let mut damped = information.clone();
             for i in 0..dimensions {
                 damped[(i, i)] *= 1.0 + damping;
@@ -91,31 +89,34 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
             for (w, step) in next.iter_mut().zip(step.iter()) {
                 *w += step;
             }
-            let there = model.curve(&next);
+            // The variance costs more than the curve and changes slowly: it is brought up to date
+            // now and then.
+            let there = Curve { mean: model.mean(&next), variance: curve.variance.clone() };
             let better = objective(&next, &there);
             if better > value {
-                gained = Some(better - value);
+                gained = better - value;
                 (w, curve, value) = (next, there, better);
                 damping = (damping * 0.2).max(1e-9);
                 break;
             }
-            damping *= 6.0;
+            damping *= 8.0;
         }
-        if iteration < 4 {
+        let is_done = gained < 0.01;
+        if is_done || iteration % 3 == 0 {
+            curve = model.curve(&w);
             settle_nuisances(model, &mut w, &curve);
-            value = objective(&w, &curve);
-        }
-        if gained.is_none_or(|gained| gained < 1e-3) {
-            break;
+            let settled = objective(&w, &curve);
+            if is_done && settled - value < 0.1 {
+                value = settled;
+                break;
+            }
+            value = settled;
         }
     }
-    settle_nuisances(model, &mut w, &curve);
-    if let Some((_, curvature)) = normal_equations(model, &w, &curve) {
-        information = curvature;
-    }
-    let ln_posterior = objective(&w, &curve);
     let mut covariance = DMatrix::identity(w.len(), w.len());
-    if let Some(factor) = Cholesky::new(information) {
+    if let Some(factor) =
+        normal_equations(model, &w, &curve).and_then(|(_, curvature)| Cholesky::new(curvature))
+    {
         covariance.view_mut((0, 0), (dimensions, dimensions)).copy_from(&factor.inverse());
     }
     for i in dimensions..w.len() {
@@ -125,10 +126,18 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
         let above = objective(&moved, &curve);
         moved[i] -= 2.0 * STEP;
         let below = objective(&moved, &curve);
-        let bend = (2.0 * ln_posterior - above - below) / (STEP * STEP);
+        let bend = (2.0 * value - above - below) / (STEP * STEP);
         covariance[(i, i)] = if bend > 1.0 { 1.0 / bend } else { 1.0 };
     }
-    Mode { w: DVector::from_vec(w), covariance, ln_posterior }
+    Mode { w: DVector::from_vec(w), covariance, ln_posterior: value }
+}
+
+impl Mode {
+    /// ln evidence as if the posterior were normal about this mode (Laplace).
+    pub fn ln_evidence(&self) -> f64 {
+        let ln_det = self.covariance.determinant().max(1e-300).ln();
+        self.ln_posterior + 0.5 * (ln_det + self.w.len() as f64 * std::f64::consts::TAU.ln())
+    }
 }
 
 /// Slope of ln likelihood + ln prior by the curve parameters, and its curvature to second order, at a

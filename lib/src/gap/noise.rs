@@ -29,11 +29,11 @@ impl Noise {
     /// The noise of the residuals of all observables, shape (observables, steps), of which the
     /// standard deviation may be known, or else is estimated as well.
     ///
-    /// Only differences from step to step and over two steps are looked at, without the largest
-    /// tenth of each, so that neither a gap that changes slowly nor one that jumps a few times
-    /// counts as noise. For variance σ² and correlation φ their expected squares are 2σ²(1 − φ) and
-    /// 2σ²(1 − φ²). Where σ is unknown, φ is taken to be the same for all observables, since one
-    /// alone tells little. `scales` are the sizes of the observables, for the smallest noise that
+    /// Only differences are looked at, without their largest tenth, so that neither a gap that changes
+    /// slowly nor one that jumps a few times counts as noise. Where the standard deviation σ is
+    /// known, second differences give the correlation φ: their expected square is
+    /// 2σ²(1 − φ)(3 − φ). Else differences over one and two steps give both, with 2σ²(1 − φ) and
+    /// 2σ²(1 − φ²); φ is then taken to be the same for all observables, since one alone tells little. `scales` are the sizes of the observables, for the smallest noise that
     /// makes sense.
     ///
     /// # Source
@@ -63,11 +63,25 @@ impl Noise {
     /// The noise of one residual whose standard deviation is known.
     fn with_sd(residual: &[f64], sd: &[f64]) -> Self {
         let standardised: Vec<f64> = residual.iter().zip(sd).map(|(r, sd)| r / sd).collect();
-        let phi = match mean_square_difference(&standardised, 1) {
-            Some(square) if residual.len() >= FEWEST_STEPS => 1.0 - square / 2.0,
+        let seconds = standardised.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+        let phi = match trimmed_mean_square(seconds) {
+            Some(square) if residual.len() >= FEWEST_STEPS => 2.0 - (1.0 + square / 2.0).sqrt(),
             _ => 0.0,
         };
         Self { sd: sd.to_vec(), phi: phi.clamp(0.0, HIGHEST_PHI) }
+    }
+
+    /// Variance of the mean over some steps.
+    pub fn mean_variance(&self, steps: std::ops::Range<usize>) -> f64 {
+        let count = steps.len() as f64;
+        // Σᵢⱼ sdᵢ sdⱼ φ^|i−j|, with the sum over i < j carried along.
+        let (mut total, mut before) = (0.0, 0.0);
+        for sd in &self.sd[steps] {
+            before *= self.phi;
+            total += sd * sd + 2.0 * sd * before;
+            before += sd;
+        }
+        total / (count * count)
     }
 
     /// A draw of the noise, shape (steps,).
@@ -94,12 +108,16 @@ pub fn scale(values: &[f64]) -> f64 {
     if spread > 0.0 { spread } else { values.iter().fold(0.0, |high, value| value.abs().max(high)) }
 }
 
-/// Mean square of the differences over `lag` steps without their largest tenth, made consistent for
-/// normal differences.
+/// Mean square of the differences over `lag` steps without their largest tenth.
 fn mean_square_difference(x: &[f64], lag: usize) -> Option<f64> {
-    // For |d| below its 90 % quantile q: E[d²] = 1 − 2 q φ(q) / 0.9, with q = 1.6449.
+    trimmed_mean_square(x.windows(lag + 1).map(|w| w[lag] - w[0]))
+}
+
+/// Mean square without the largest tenth, made consistent for normal values.
+fn trimmed_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
+    // For |x| below its 90 % quantile q: E[x²] = 1 − 2 q φ(q) / 0.9, with q = 1.6449.
     const CONSISTENT: f64 = 0.623_015;
-    let mut squares: Vec<f64> = x.windows(lag + 1).map(|w| (w[lag] - w[0]).powi(2)).collect();
+    let mut squares: Vec<f64> = values.map(|x| x * x).collect();
     squares.sort_by(f64::total_cmp);
     let kept = (0.9 * squares.len() as f64).round() as usize;
     (kept > 0).then(|| squares[..kept].iter().sum::<f64>() / kept as f64 / CONSISTENT)

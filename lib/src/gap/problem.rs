@@ -25,6 +25,8 @@ pub struct Problem<'a> {
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
+    /// Name of the control.
+    pub control_name: String,
     /// The control.
     pub path: Path,
     /// Standard deviation of the noise of every reading, shape (observables · steps); estimated
@@ -48,7 +50,11 @@ pub struct Problem<'a> {
 
 /// The smooth discrepancy that every hypothesis is granted, as a share of noise and scatter: no
 /// model is exact.
-const SMALL: f64 = 0.1;
+const SMALL: f64 = 0.15;
+
+/// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
+/// the normal distribution.
+const HEAVY_TAILS: f64 = 4.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
@@ -115,6 +121,7 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
+            control_name: observations.control_name.clone(),
             path,
             noise,
             scatter,
@@ -130,6 +137,40 @@ impl<'a> Problem<'a> {
     /// Number of steps.
     pub fn steps(&self) -> usize {
         self.path.control().len()
+    }
+
+    /// A factor of the covariance of the emulator's error at the variances of its components, with
+    /// what the components leave out, shape (readings, components + readings).
+    pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
+        let variance: Vec<f64> =
+            component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
+        let rest: Vec<f64> = self.predictor.left_over().iter().map(|rest| rest.sqrt()).collect();
+        self.factor(&variance, &rest)
+    }
+
+    /// A factor of the covariance of noise and scatter, in the same shape; `noise` as shares of the
+    /// ranges where it is estimated.
+    pub fn measurement_errors(&self, noise: &[f64]) -> DMatrix<f64> {
+        let steps = self.steps();
+        let estimated = |i: usize| noise[i / steps] * self.ranges[i / steps];
+        let sd: Vec<f64> = (0..self.observed.len())
+            .map(|i| self.noise.as_ref().map_or_else(|| estimated(i), |sd| sd[i]))
+            .collect();
+        let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
+        self.factor(&variance, &sd)
+    }
+
+    /// Correlated components of these variances, and independent readings of these deviations.
+    fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
+        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
+        factor
+            .columns_mut(0, variance.len())
+            .copy_from(&(self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation));
+        for (i, sd) in sd.iter().enumerate() {
+            factor[(i, variance.len() + i)] = *sd;
+        }
+        factor
     }
 
     /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of
@@ -163,7 +204,7 @@ impl<'a> Problem<'a> {
         let mut variances: Vec<f64> = component_variance
             .iter()
             .zip(&self.component_scatter)
-            .map(|(variance, scatter)| variance.max(0.0) + self.scatter * scatter)
+            .map(|(variance, scatter)| HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
             .collect();
         for j in 0..self.ranges.len() {
             let unit = self.spread(j, noise).powi(2);

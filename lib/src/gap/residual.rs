@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use anyhow::{Result, ensure};
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use crate::ensemble::Ensemble;
 use crate::observations::Observations;
@@ -74,21 +74,32 @@ pub fn spread(ensemble: &Ensemble, weights: &[f64], parameters: usize, noise_sd:
         let centre: f64 = row.iter().zip(roots.clone()).map(|(y, root)| y * root).sum();
         row.iter_mut().zip(roots).for_each(|(y, root)| *y -= centre * root);
     }
-    let eigen = SymmetricEigen::new(deviations.transpose() * &deviations);
-    let mut order: Vec<usize> = (0..runs.len()).filter(|&k| eigen.eigenvalues[k] > NEGLIGIBLE).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    order.truncate(MOST_DIRECTIONS);
     let total = deviations.row_iter().map(|row| row.norm_squared());
     let mut rest: Vec<f64> = total.zip(&noise).map(|(total, noise)| total * noise * noise).collect();
     let mut directions: Vec<Vec<f64>> = Vec::new();
-    for k in order {
-        let direction = &deviations * eigen.eigenvectors.column(k);
+    for direction in principal_directions(&deviations) {
         let direction: Vec<f64> = direction.iter().zip(&noise).map(|(x, noise)| x * noise).collect();
         rest.iter_mut().zip(&direction).for_each(|(rest, d)| *rest = (*rest - d * d).max(0.0));
         directions.push(direction);
     }
     directions.extend(ignorance(ensemble, &runs, &shares));
     Spread { directions, rest }
+}
+
+/// The largest vectors, largest first, whose outer products make up D Dᵀ.
+fn principal_directions(deviations: &DMatrix<f64>) -> Vec<DVector<f64>> {
+    // The smaller of the two products has the same eigenvalues.
+    let wide = deviations.nrows() <= deviations.ncols();
+    let product = if wide { deviations * deviations.transpose() } else { deviations.tr_mul(deviations) };
+    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(product);
+    let mut order: Vec<usize> = (0..eigenvalues.len()).filter(|&k| eigenvalues[k] > NEGLIGIBLE).collect();
+    order.sort_by(|&a, &b| eigenvalues[b].total_cmp(&eigenvalues[a]));
+    order.truncate(MOST_DIRECTIONS);
+    let direction = |k: usize| {
+        let vector = eigenvectors.column(k);
+        if wide { vector * eigenvalues[k].sqrt() } else { deviations * vector }
+    };
+    order.into_iter().map(direction).collect()
 }
 
 /// Directions for an emulator's own error: as large as its standard deviations say, and smooth over a
@@ -154,20 +165,20 @@ fn thinned(weights: &[f64]) -> (Vec<usize>, Vec<f64>) {
         let shares = runs.iter().map(|&run| weights[run]).collect();
         return (runs, shares);
     }
-    let mut chosen: Vec<(usize, f64)> = Vec::new();
-    let (mut below, mut next) = (0.0, 0.5);
-    for run in runs {
-        below += weights[run] * MOST_RUNS as f64;
-        while below > next {
-            match chosen.last_mut() {
-                Some((last, share)) if *last == run => *share += 1.0,
-                _ => chosen.push((run, 1.0)),
-            }
-            next += 1.0;
+    (systematic(weights, MOST_RUNS), vec![1.0 / MOST_RUNS as f64; MOST_RUNS])
+}
+
+/// Runs of equal weight in place of weighted ones: each stands in the list as often as its weight says.
+pub(super) fn systematic(weights: &[f64], count: usize) -> Vec<usize> {
+    let mut list = Vec::with_capacity(count);
+    let mut below = 0.0;
+    for (run, weight) in weights.iter().enumerate() {
+        below += weight * count as f64;
+        while list.len() < count && below > list.len() as f64 + 0.5 {
+            list.push(run);
         }
     }
-    let total: f64 = chosen.iter().map(|(_, share)| share).sum();
-    chosen.into_iter().map(|(run, share)| (run, share / total)).unzip()
+    list
 }
 
 #[cfg(test)]

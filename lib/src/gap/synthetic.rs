@@ -14,8 +14,11 @@ pub struct Case {
     pub ensemble: Ensemble,
     pub weights: Vec<f64>,
     pub noise_sd: Vec<Vec<f64>>,
+    /// Parameters, one row a run.
+    pub values: Vec<Vec<f64>>,
 }
 
+pub const TRUTH: [f64; 3] = [1.0, 10.0, 4.0];
 pub const PARAMETERS: usize = 3;
 
 pub fn model(theta: &[f64], steps: usize) -> Vec<Vec<f64>> {
@@ -28,11 +31,19 @@ pub fn model(theta: &[f64], steps: usize) -> Vec<Vec<f64>> {
 /// `gap` is added to the model, noise of unit variance to that; `runs` runs over a prior `width` wide
 /// around the truth are weighed by their likelihood under white noise.
 pub fn case(seed: u64, gap: &[Vec<f64>], phi: f64, runs: usize, width: f64) -> Case {
+    build(seed, gap, 1.0, phi, runs, width)
+}
+
+/// The same without noise, though the likelihood believes in it.
+pub fn noiseless_case(seed: u64, gap: &[Vec<f64>], runs: usize, width: f64) -> Case {
+    build(seed, gap, 0.0, 0.0, runs, width)
+}
+
+fn build(seed: u64, gap: &[Vec<f64>], size: f64, phi: f64, runs: usize, width: f64) -> Case {
     let steps = gap[0].len();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let truth = [1.0, 10.0, 4.0];
-    let noise = Noise { sd: vec![1.0; steps], phi };
-    let mut values = model(&truth, steps);
+    let noise = Noise { sd: vec![size; steps], phi };
+    let mut values = model(&TRUTH, steps);
     for (values, gap) in values.iter_mut().zip(gap) {
         let draw = noise.draw(&mut rng);
         values.iter_mut().zip(gap).zip(draw).for_each(|((y, gap), noise)| *y += gap + noise);
@@ -46,9 +57,9 @@ pub fn case(seed: u64, gap: &[Vec<f64>], phi: f64, runs: usize, width: f64) -> C
         sd: vec![None, None],
     };
     let mut ensemble = Ensemble::new(&observations, false);
-    let mut ln_weights = Vec::new();
+    let (mut ln_weights, mut parameters) = (Vec::new(), Vec::new());
     for run in 0..runs {
-        let theta: Vec<f64> = truth.iter().map(|t| t + width * (rng.random::<f64>() - 0.5)).collect();
+        let theta: Vec<f64> = TRUTH.iter().map(|t| t + width * (rng.random::<f64>() - 0.5)).collect();
         let curves = model(&theta, steps);
         let misfit: f64 = observations
             .values
@@ -59,8 +70,9 @@ pub fn case(seed: u64, gap: &[Vec<f64>], phi: f64, runs: usize, width: f64) -> C
             .sum();
         ln_weights.push(-0.5 * misfit);
         ensemble.push(&run.to_string(), &curves, None);
+        parameters.push(theta);
     }
     let weights = crate::statistics::normalised(&ln_weights).unwrap();
     let noise_sd = vec![vec![1.0; steps]; 2];
-    Case { observations, ensemble, weights, noise_sd }
+    Case { observations, ensemble, weights, noise_sd, values: parameters }
 }

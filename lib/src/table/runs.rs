@@ -162,7 +162,7 @@ impl<'a> RunTable<'a> {
 }
 
 /// The rows of a piece, without blank lines and comments, with their lines within the piece.
-pub fn piece_rows<'a>(piece: &'a str) -> impl Iterator<Item = (usize, &'a str)> {
+pub fn piece_rows(piece: &str) -> impl Iterator<Item = (usize, &str)> {
     piece.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| {
         let start = line.trim_ascii_start();
         !start.is_empty() && !start.starts_with('#')

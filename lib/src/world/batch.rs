@@ -1,7 +1,7 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 
 use super::{Curves, World, add_noise, inputs, places, simulate};
@@ -117,7 +117,7 @@ fn is_complete(world: &dyn World, param: &Path, sim: &Path, columns: &[&str], va
 /// noise of standard deviation `noise` where it is given for an observable.
 ///
 /// # Errors
-/// If a name is unknown, the parameters make no sense, or it cannot be written.
+/// If a name is unknown, a noise negative, the parameters make no sense, or it cannot be written.
 pub fn write_curve(
     world: &dyn World,
     given: &ByName,
@@ -127,6 +127,9 @@ pub fn write_curve(
 ) -> Result<()> {
     let names: Vec<String> = world.observables().iter().map(|&name| name.to_owned()).collect();
     noise.check_names(&names, "--noise")?;
+    if let Some((name, sd)) = noise.0.iter().find(|(_, sd)| *sd < 0.0) {
+        bail!("--noise {name}={sd}: a standard deviation cannot be negative");
+    }
     let mut curves = simulate(world, &inputs(world, given)?)?;
     let steps = curves.control.len();
     let sd: Vec<_> = names.iter().map(|name| vec![noise.get(name).unwrap_or(0.0); steps]).collect();

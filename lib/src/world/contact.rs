@@ -289,8 +289,8 @@ impl State {
         let end = if self.touching { law.pull_off_overlap() } else { 0.0 };
         // The displacement of the spheres at which they would part, or meet.
         let parting = law.plastic * self.largest + (1.0 - law.plastic) * end;
-        let misfit = |x: f64| x + law.compliance * law.normal(x, self.largest, rate).force - u;
-        self.touching = if law.compliance > 0.0 { misfit(parting) <= 0.0 } else { u >= parting };
+        let excess = |x: f64| x + law.compliance * law.normal(x, self.largest, rate).force - u;
+        self.touching = if law.compliance > 0.0 { excess(parting) <= 0.0 } else { u >= parting };
         if !self.touching {
             self.normal = Normal::default();
             self.tangential = 0.0;
@@ -298,7 +298,7 @@ impl State {
         }
         let spheres = if law.compliance > 0.0 {
             let pull = 1.5 * PI * law.w * law.radius;
-            root(misfit, parting, u + law.compliance * pull)
+            root(excess, parting, u + law.compliance * pull)
         } else {
             u
         };

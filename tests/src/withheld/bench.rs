@@ -27,12 +27,12 @@ pub const NAMES: [&str; 2] = ["contact", "triaxial"];
 type Row = (&'static str, f64, f64, Scale, Option<&'static str>);
 
 const CONTACT: [Row; 8] = [
-    ("E_m", 8.8, 9.6, Scale::Linear, None),
+    ("E_m", 9.1, 9.5, Scale::Linear, None),
     ("nu", 0.1, 0.4, Scale::Linear, None),
     ("mu", 0.1, 0.5, Scale::Linear, None),
     ("w", 1.0, 30.0, Scale::Linear, Some("adhesion")),
-    ("tau", 5e-4, 1e-2, Scale::Linear, Some("damping")),
-    ("plastic", 0.02, 0.4, Scale::Linear, Some("plasticity")),
+    ("tau", 5e-4, 5e-3, Scale::Linear, Some("damping")),
+    ("plastic", 0.02, 0.3, Scale::Linear, Some("plasticity")),
     ("compliance", 1e-7, 2e-6, Scale::Linear, Some("compliance")),
     ("offset", -0.1, 0.1, Scale::Linear, Some("offset")),
 ];

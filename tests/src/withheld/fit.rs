@@ -23,7 +23,7 @@ pub struct Fit {
 pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
     let parameters = bench.prior.parameters();
     let mut best: Option<Fit> = None;
-    for place in [None, Some(0.3), Some(0.7)] {
+    for place in [None, Some(0.5)] {
         let mut z: Vec<f64> = free
             .iter()
             .map(|&j| place.unwrap_or(parameters[j].coordinate(start[j])).clamp(0.0, 1.0))
@@ -45,7 +45,7 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
         };
         let mut r = residual(&z)?;
         let mut damping = 1e-3;
-        'climb: for _ in 0..40 {
+        'climb: for _ in 0..25 {
             let mut slopes = DMatrix::zeros(r.len(), free.len());
             for k in 0..free.len() {
                 let mut moved = z.clone();
@@ -67,7 +67,7 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
                     let gained = 1.0 - there.norm_squared() / r.norm_squared();
                     (z, r) = (next, there);
                     damping = (damping * 0.2).max(1e-12);
-                    if gained < 1e-6 {
+                    if gained < 1e-5 {
                         break 'climb;
                     }
                     break;

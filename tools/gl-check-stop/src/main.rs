@@ -69,5 +69,5 @@ fn run(args: &Args) -> Result<bool> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-check-stop", run(&Args::parse()))
+    gl::cli::finish("gl-check-stop", run(&gl::cli::parse()))
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::emulator::table::{write_check, write_predictions};
+use gl::emulator::table::{write_check, write_left_out, write_predictions};
 use gl::emulator::{Emulator, Options};
 use gl::ensemble::Ensemble;
 use gl::prior::Prior;
@@ -26,11 +26,14 @@ struct Args {
     #[arg(short, long, value_name = "FILE")]
     samples: PathBuf,
     /// Samples to predict
-    #[arg(long, value_name = "FILE", required_unless_present = "check")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["check", "leave_one_out"])]
     at: Option<PathBuf>,
     /// Print the leave-one-out error of each observable instead
     #[arg(long, conflicts_with = "at")]
     check: bool,
+    /// Write the runs themselves instead, each predicted from all the others
+    #[arg(long, conflicts_with_all = ["at", "check"])]
+    leave_one_out: bool,
     /// Column of the control; by default the one after `step`
     #[arg(short, long, value_name = "NAME")]
     control: Option<String>,
@@ -38,7 +41,7 @@ struct Args {
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
     /// Share of the variance of the simulation's scatter that is in the _sd columns
-    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
     scatter: f64,
     /// Seed of the places that the training starts from
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -86,6 +89,7 @@ fn run(args: &Args) -> Result<()> {
     let output = args.output.as_deref();
     match at {
         Some(at) => predict(&emulator, &ensemble, &at, args.scatter, output),
+        None if args.leave_one_out => write_left_out(&emulator, &ensemble, args.scatter, output),
         None => write_check(&emulator.check(), output),
     }
 }
@@ -109,5 +113,5 @@ fn note(message: impl std::fmt::Display) {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-emulate", run(&Args::parse()))
+    gl::cli::finish("gl-emulate", run(&gl::cli::parse()))
 }

@@ -250,5 +250,5 @@ fn write_history(
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-filter", run(&Args::parse()))
+    gl::cli::finish("gl-filter", run(&gl::cli::parse()))
 }

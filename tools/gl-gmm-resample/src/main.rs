@@ -116,5 +116,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gmm-resample", run(&Args::parse()))
+    gl::cli::finish("gl-gmm-resample", run(&gl::cli::parse()))
 }

@@ -8,13 +8,14 @@ use gl::table::Table;
 
 use crate::Style;
 use crate::axis::{Axis, Label, SMALL, Span};
-use crate::figure::{Figure, MARGIN};
+use crate::figure::{Figure, Key, MARGIN};
 use crate::font;
-use crate::panel::{BELOW, Panel};
-use crate::scene::{Anchor, Color, Paint, Rect, Scene, area, color, fitted, line, text};
+use crate::panel::Panel;
+use crate::scene::{Anchor, Color, Item, Paint, Rect, Scene, area, color, fitted, text};
 
 /// Probabilities of hypotheses and effects, confounded ones bracketed
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Attribution {
     /// Table of effects: `effect probability`
     #[arg(long, value_name = "FILE")]
@@ -26,6 +27,12 @@ pub struct Attribution {
     #[arg(value_name = "ATTRIBUTION", default_value = "-")]
     attribution: PathBuf,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'hypothesis probability confounded_with\\n' > which.txt
+  printf 'rolling .8 cohesion\\ncohesion .2 rolling\\n' >> which.txt
+  gl-plot attribution which.txt -o attribution.svg";
 
 const ROW: f64 = 13.0;
 const BAR: f64 = 8.0;
@@ -76,7 +83,15 @@ impl Attribution {
         hypotheses.truncate(self.most.max(1));
 
         let mut figure = Figure::new("Probability of each explanation of the gap", style.width);
-        draw_bars(&mut figure, "hypothesis", &hypotheses, color::BLUE);
+        let groups = groups(&hypotheses);
+        if !groups.is_empty() {
+            let meaning = "confounded: the measurement can hardly tell them apart".to_owned();
+            figure.legend(&[(Key::Line(bracket_paint()), meaning)]);
+        }
+        let names = hypotheses.iter().chain(effects.iter().flatten());
+        let widest = names.map(|row| font::width(&row.name, SMALL)).fold(0.0, f64::max);
+        let bars = Bars { names: widest.min(0.35 * figure.width), lanes: lanes(&groups) };
+        bars.draw(&mut figure, "hypothesis", &hypotheses, color::BLUE);
         if left_out > 0 {
             figure.y -= 4.0;
             let others = if left_out == 1 { "hypothesis has" } else { "hypotheses together have" };
@@ -86,73 +101,87 @@ impl Attribution {
         }
         if let Some(effects) = &effects {
             figure.y += 4.0;
-            draw_bars(&mut figure, "effect", effects, color::GREEN);
+            Bars { lanes: Vec::new(), ..bars }.draw(&mut figure, "effect", effects, color::GREEN);
         }
         Ok(figure.finish())
     }
 }
 
-fn draw_bars(figure: &mut Figure, what: &str, rows: &[Row], color: Color) {
-    let groups = groups(rows);
-    let lanes = groups.len();
-    let names =
-        rows.iter().map(|row| font::width(&row.name, SMALL)).fold(0.0, f64::max).min(0.35 * figure.width);
-    let brackets = if lanes == 0 { 0.0 } else { 8.0 * lanes as f64 + 12.0 };
-    let left = 2.0 * MARGIN + names + 4.0;
-    let right = figure.width - MARGIN - 4.0 - brackets;
-    let top = figure.y + 4.0;
-    let rect = Rect::new(left, top, right, top + ROW * rows.len() as f64 + 4.0);
-    // Room for the number at the end of a bar that goes all the way.
-    let span = Span { low: 0.0, high: 1.12, log: false };
-    let mut x = Axis::horizontal(span, Label::new(format!("probability of the {what}")), right - left);
-    x.ticks.retain(|(value, _)| *value <= 1.0);
-    let y = Axis::bare(Span { low: 0.0, high: 1.0, log: false }, Label::default());
-    let mut panel = Panel::new(format!("probability of each {what}"), rect, x, y).without_y_labels();
-    let middle = |row: usize| top + 2.0 + ROW * (row as f64 + 0.5);
-    for (i, row) in rows.iter().enumerate() {
-        let (x0, _) = panel.at((0.0, 0.0));
-        let (x1, _) = panel.at((row.probability, 0.0));
-        let bar = Rect::new(x0, middle(i) - BAR / 2.0, x1.max(x0 + 0.4), middle(i) + BAR / 2.0);
-        let shade = match row.name.as_str() {
-            "none" | "unexplained" => color::GREY,
-            _ => color,
-        };
-        panel.add(row.name.clone(), vec![area(bar, Paint::area(shade))]);
-        let baseline = middle(i) + 0.36 * SMALL;
-        panel.note(text((x1 + 3.0, baseline), percent(row.probability), SMALL, Anchor::Start));
-        let name = fitted(&row.name, SMALL, names);
-        panel.note(text((left - 4.0, baseline), name, SMALL, Anchor::End));
+/// Room for the names, and the groups of rows that are bracketed, lane by lane.
+struct Bars {
+    names: f64,
+    lanes: Vec<Vec<Vec<usize>>>,
+}
+
+/// Room for the lanes of brackets, kept beside all bars so that they are of one scale.
+const BRACKETS: f64 = 26.0;
+
+impl Bars {
+    fn draw(&self, figure: &mut Figure, what: &str, rows: &[Row], color: Color) {
+        let left = 2.0 * MARGIN + self.names + 4.0;
+        let right = figure.width - MARGIN - BRACKETS;
+        let top = figure.y + 4.0;
+        let rect = Rect::new(left, top, right, top + ROW * rows.len() as f64 + 4.0);
+        // Room for the number at the end of a bar that goes all the way.
+        let span = Span { low: 0.0, high: 1.12, log: false };
+        let mut x = Axis::horizontal(span, Label::new(format!("probability of the {what}")), right - left);
+        x.ticks.retain(|(value, _)| *value <= 1.0);
+        let y = Axis::bare(Span { low: 0.0, high: 1.0, log: false }, Label::default());
+        let mut panel = Panel::new(format!("probability of each {what}"), rect, x, y).without_y_labels();
+        let middle = |row: usize| top + 2.0 + ROW * (row as f64 + 0.5);
+        for (i, row) in rows.iter().enumerate() {
+            let (x0, _) = panel.at((0.0, 0.0));
+            let (x1, _) = panel.at((row.probability, 0.0));
+            let bar = Rect::new(x0, middle(i) - BAR / 2.0, x1.max(x0 + 0.4), middle(i) + BAR / 2.0);
+            let shade = match row.name.as_str() {
+                "none" | "unexplained" => color::GREY,
+                _ => color,
+            };
+            panel.add(row.name.clone(), vec![area(bar, Paint::area(shade))]);
+            let baseline = middle(i) + 0.36 * SMALL;
+            panel.note(text((x1 + 3.0, baseline), percent(row.probability), SMALL, Anchor::Start));
+            let name = fitted(&row.name, SMALL, self.names + 0.01);
+            panel.note(text((left - 4.0, baseline), name, SMALL, Anchor::End));
+        }
+        for (lane, groups) in self.lanes.iter().enumerate() {
+            let x = right + 4.0 + 6.0 * lane as f64;
+            for group in groups {
+                let (first, last) = (middle(group[0]), middle(group[group.len() - 1]));
+                let mut lines = vec![vec![(x, first), (x + 3.0, first), (x + 3.0, last), (x, last)]];
+                let between = group[1..group.len() - 1].iter().map(|&row| middle(row));
+                lines.extend(between.map(|y| vec![(x, y), (x + 3.0, y)]));
+                let bracket = Item::Path { lines, closed: false, paint: bracket_paint() };
+                let names: Vec<&str> = group.iter().map(|&row| rows[row].name.as_str()).collect();
+                panel.note(Item::Group {
+                    class: "bracket",
+                    title: format!("confounded: {}", names.join(", ")),
+                    clip: None,
+                    items: vec![bracket],
+                });
+            }
+        }
+        figure.y = panel.foot() + 4.0;
+        figure.add(panel.finish());
     }
-    for (lane, group) in groups.iter().enumerate() {
-        let x = right + 8.0 * lane as f64;
-        let (first, last) = (group[0], group[group.len() - 1]);
-        let paint = Paint::line(color::VERMILION, 1.0);
-        let mut items = vec![line(
-            vec![
-                (x + 3.0, middle(first)),
-                (x + 6.0, middle(first)),
-                (x + 6.0, middle(last)),
-                (x + 3.0, middle(last)),
-            ],
-            paint,
-        )];
-        // A member between the ends.
-        items.extend(
-            group[1..group.len() - 1]
-                .iter()
-                .map(|&row| line(vec![(x + 3.0, middle(row)), (x + 6.0, middle(row))], paint)),
-        );
-        for item in items {
-            panel.note(item);
+}
+
+fn bracket_paint() -> Paint {
+    Paint::line(color::VERMILION, 1.0)
+}
+
+/// Groups set side by side as far as they overlap.
+fn lanes(groups: &[Vec<usize>]) -> Vec<Vec<Vec<usize>>> {
+    let mut lanes: Vec<Vec<Vec<usize>>> = Vec::new();
+    for group in groups {
+        let free = |lane: &&mut Vec<Vec<usize>>| {
+            lane.last().and_then(|last| last.last()).is_none_or(|end| *end < group[0])
+        };
+        match lanes.iter_mut().find(free) {
+            Some(lane) => lane.push(group.clone()),
+            None => lanes.push(vec![group.clone()]),
         }
     }
-    if lanes > 0 {
-        let x = right + 8.0 * lanes as f64 + SMALL + 1.0;
-        let centre = (rect.y0 + rect.y1) / 2.0;
-        panel.note(crate::scene::turned_text((x, centre), fitted("confounded", SMALL, rect.height()), SMALL));
-    }
-    figure.add(panel.finish());
-    figure.y = rect.y1 + BELOW + 4.0;
+    lanes
 }
 
 /// Rows that are confounded with each other, directly or through others; each group in order.
@@ -200,6 +229,12 @@ mod tests {
     fn confounded_rows_form_groups_even_through_others() {
         let rows = [row("a", &["b"]), row("x", &[]), row("b", &[]), row("c", &["b"]), row("d", &["gone"])];
         assert_eq!(groups(&rows), [vec![0, 2, 3]]);
+    }
+
+    #[test]
+    fn brackets_that_overlap_stand_side_by_side() {
+        let groups = [vec![0, 3], vec![1, 2], vec![4, 5]];
+        assert_eq!(lanes(&groups), [vec![vec![0, 3], vec![4, 5]], vec![vec![1, 2]]]);
     }
 
     #[test]

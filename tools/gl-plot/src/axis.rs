@@ -1,5 +1,7 @@
 //! Axes: where values stand, which of them are marked, and how the marks are written.
 
+use gl::prior::{Parameter, Scale};
+
 use crate::font;
 use crate::scene::fitted;
 
@@ -39,6 +41,11 @@ impl Span {
             ..span
         });
         if span.low > span.high { Self { low: 0.0, high: 1.0, log: false } } else { span }
+    }
+
+    /// The bounds of a parameter, on its scale.
+    pub fn of_bounds(parameter: &Parameter) -> Self {
+        Self { low: parameter.lower, high: parameter.upper, log: parameter.scale == Scale::Log }
     }
 
     /// The same values, evenly in their logarithm; unchanged where one is not positive.
@@ -129,13 +136,12 @@ impl Axis {
 
     /// An axis along the bottom that counts: marks at whole numbers only.
     pub fn counting(span: Span, label: Label, length: f64) -> Self {
-        let mut axis = Self::horizontal(span, label, length);
-        if axis.ticks.iter().any(|(value, _)| value.fract() != 0.0) {
-            let whole = span.low.ceil() as i64..=span.high.floor() as i64;
-            axis.ticks = whole.map(|i| (i as f64, written(i as f64, 0))).collect();
-            axis.exponent = 0;
+        let whole = Span { low: span.low.ceil(), high: span.high.floor(), ..span };
+        if whole.high - whole.low > length / 9.0 - 1.0 {
+            return Self::horizontal(span, label, length);
         }
-        axis
+        let ticks = (whole.low as i64..=whole.high as i64).map(|i| (i as f64, i.to_string()));
+        Self { ticks: ticks.collect(), ..Self::bare(span, label) }
     }
 
     /// An axis without numbers, for heights that mean nothing by themselves.
@@ -184,20 +190,22 @@ impl Axis {
         Self { span, ticks, minor, label, exponent: 0 }
     }
 
-    /// What is written along the axis, cut to `length` points: the name, the unit, and the power of
-    /// ten that the marks leave out.
-    pub fn title(&self, length: f64) -> String {
+    /// What is written along the axis in at most `length` points: the name, the unit, and the power of
+    /// ten that the marks leave out. Where that is too long, the name has a line for itself.
+    pub fn title(&self, length: f64) -> Vec<String> {
         let power =
             if self.exponent == 0 { String::new() } else { format!("×10{}", superscript(self.exponent)) };
         let unit = self.label.unit.as_deref().unwrap_or("");
         let inside = format!("{power} {unit}");
         let suffix = match inside.trim() {
             "" => String::new(),
-            inside => format!(" ({inside})"),
+            inside => format!("({inside})"),
         };
-        // The name gives way before the power of ten does.
-        let name = fitted(&self.label.name, LARGE, length - font::width(&suffix, LARGE));
-        format!("{name}{suffix}")
+        let whole = format!("{} {suffix}", self.label.name).trim_end().to_owned();
+        if suffix.is_empty() || font::width(&whole, LARGE) <= length {
+            return vec![fitted(&whole, LARGE, length)];
+        }
+        vec![fitted(&self.label.name, LARGE, length), fitted(&suffix, LARGE, length)]
     }
 
     /// Width of the widest tick label, in points.
@@ -237,7 +245,7 @@ fn one_two_five(span: Span, count: usize) -> Vec<f64> {
             .filter(|value| (span.low * (1.0 - 1e-9)..=span.high * (1.0 + 1e-9)).contains(value))
             .collect()
     };
-    [&[1.0, 2.0, 3.0, 5.0, 7.0][..], &[1.0, 2.0, 5.0], &[1.0, 3.0], &[1.0]]
+    [&[1.0, 2.0, 3.0, 5.0][..], &[1.0, 2.0, 5.0], &[1.0, 3.0], &[1.0]]
         .into_iter()
         .map(among)
         .find(|ticks| ticks.len() <= count)
@@ -326,20 +334,21 @@ mod tests {
     fn large_numbers_leave_their_power_to_the_title() {
         let label = Label { name: "E".to_owned(), unit: Some("Pa".to_owned()) };
         let axis = Axis::horizontal(Span { low: 1e11, high: 2e11, log: false }, label, 150.0);
-        assert_eq!(axis.title(100.0), "E (×10⁹ Pa)");
+        assert_eq!(axis.title(100.0), ["E (×10⁹ Pa)"]);
+        assert_eq!(axis.title(45.0), ["E", "(×10⁹ Pa)"]);
         assert_eq!(axis.ticks[0], (1e11, "100".to_owned()));
     }
 
     #[test]
     fn small_numbers_leave_their_power_to_the_title() {
         let axis = Axis::vertical(Span { low: 0.0, high: 3.1e-5, log: false }, Label::new("gap"), 100.0);
-        assert_eq!(axis.title(100.0), "gap (×10⁻⁶)");
+        assert_eq!(axis.title(100.0), ["gap (×10⁻⁶)"]);
     }
 
     #[test]
     fn a_log_axis_marks_decades_or_what_lies_within_one() {
         assert_eq!(labels(1.0, 1e4, true), ["10⁰", "10¹", "10²", "10³", "10⁴"]);
-        assert_eq!(labels(1.0, 10.0, true), ["1", "2", "5", "10"]);
+        assert_eq!(labels(1.0, 10.0, true), ["1", "2", "3", "5", "10"]);
         assert!(labels(100.0, 120.0, true).len() >= 2);
     }
 

@@ -8,12 +8,13 @@ use gl::ensemble::Ensemble;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::panel::{BELOW, Dot, Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Paint, Rect, Scene, color};
 use crate::{Style, Units};
 
 /// Emulated against simulated observables, run by run
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Emulator {
     /// Ensemble table of the runs themselves
     #[arg(short, long, value_name = "FILE")]
@@ -31,6 +32,12 @@ pub struct Emulator {
     #[arg(value_name = "PREDICTED", default_value = "-")]
     predicted: PathBuf,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'sample step u f\\na 0 0 1\\nb 0 0 2\\n' > runs.txt
+  printf 'sample step u f f_sd\\na 0 0 1.1 .1\\nb 0 0 2 .1\\n' > left-out.txt
+  gl-plot emulator -e runs.txt left-out.txt -o emulator.svg";
 
 const MOST_DOTS: usize = 30_000;
 /// 90 % of a normal distribution lies within this many standard deviations.
@@ -93,7 +100,7 @@ impl Emulator {
                     size,
                 ));
             }
-            figure.y = bottom + BELOW + 4.0;
+            figure.y = bottom + 4.0;
         }
         Ok(figure.finish())
     }
@@ -122,7 +129,7 @@ impl Emulator {
         let reach = if stated { reach.max(2.0 * NINETY_PERCENT) } else { reach };
         let error_label = if stated { Label::new("error / sd") } else { label("error of") };
         let errors_y = Axis::vertical(Span::of([-reach, reach]).padded(0.05), error_label, 0.4 * size);
-        let beside = room_beside(&y).max(room_beside(&errors_y));
+        let beside = room_beside(&y, size).max(room_beside(&errors_y, 0.4 * size));
         let (left, right) = (left + beside, right - 7.0);
         let x = Axis::horizontal(span, label("simulated"), right - left);
         let most = MOST_DOTS / (2 * columns);
@@ -148,8 +155,9 @@ impl Emulator {
         }
         panel.dots("errors", errors, dot, most);
         panel.horizontal("equal", 0.0, equal_paint());
+        let foot = panel.foot();
         figure.add(panel.finish());
-        rect.y1
+        foot
     }
 }
 

@@ -11,12 +11,13 @@ use gl::weights::Weights;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::panel::{BELOW, Dot, Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Paint, Rect, Scene, color};
 use crate::{Style, Units};
 
 /// Measurement, ensemble mean with its 90 % band, the best runs, and the residuals
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Fit {
     /// Table of what was measured
     #[arg(short = 'b', long, value_name = "FILE")]
@@ -43,6 +44,14 @@ pub struct Fit {
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
     ensemble: PathBuf,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'u f f_sd\\n0 0 .1\\n1 1.1 .1\\n' > obs.txt
+  printf 'sample step u f\\na 0 0 0\\na 1 1 .9\\nb 0 0 0\\nb 1 1 1.2\\n' > runs.txt
+  printf 'sample k misfit weight\\na .9 2 .4\\nb 1.2 1 .6\\n' > weights.txt
+  gl-plot fit -b obs.txt -c u -v f -w weights.txt --units u=mm,f=kN \\
+    runs.txt -o fit.svg";
 
 /// One observable: what was measured, what the runs say, all of shape (steps,).
 struct Curves<'a> {
@@ -124,6 +133,7 @@ impl Fit {
             let height = (0.72 * (right - left)).clamp(90.0, 190.0);
             let (top, middle) = (figure.y + 4.0, figure.y + 4.0 + height);
             let (residual_top, bottom) = (middle + 8.0, middle + 8.0 + 0.48 * height);
+            let mut foot = bottom;
             for (column, curves) in row.iter().enumerate() {
                 let (left, right) = figure.cell(column, columns);
                 let label = |name: &str| Label { name: name.to_owned(), unit: self.units.get(name) };
@@ -132,7 +142,7 @@ impl Fit {
                 let y = Axis::vertical(all, label(curves.name), height);
                 let residual = Label { name: "residual".to_owned(), unit: self.units.get(curves.name) };
                 let residual_y = Axis::vertical(rest, residual, bottom - residual_top);
-                let beside = room_beside(&y).max(room_beside(&residual_y));
+                let beside = room_beside(&y, height).max(room_beside(&residual_y, bottom - residual_top));
                 let left = left + beside;
                 let right = right - 7.0;
                 let span = Span::of(control.iter().copied()).padded(0.03);
@@ -146,9 +156,10 @@ impl Fit {
                 let name = format!("residual of {}", curves.name);
                 let mut panel = Panel::new(name, place, x, residual_y).beside(beside);
                 curves.draw_residuals(&mut panel, control, &paint);
+                foot = foot.max(panel.foot());
                 figure.add(panel.finish());
             }
-            figure.y = bottom + BELOW;
+            figure.y = foot;
         }
         figure.finish()
     }

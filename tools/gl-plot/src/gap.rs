@@ -1,26 +1,50 @@
 //! Where the calibrated model and the measurement disagree.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
+use gl::ensemble::Ensemble;
+use gl::gap::standardised::standardised;
+use gl::observations::{ByName, Observations, Steps};
 use gl::table::Table;
+use gl::weights::Weights;
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
-use crate::panel::{BELOW, Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
 use crate::{Style, Units};
 
 /// The standardised gap along the control, significant stretches shaded
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Gap {
     /// Table of the gap after the simulation got the effect that it lacked
     #[arg(long, value_name = "FILE")]
     after: Option<PathBuf>,
-    /// Name of the control, for the axis
-    #[arg(short, long, value_name = "NAME", default_value = "control")]
-    control: String,
+    /// Measurement; with it, -e and -w the gap of each reading is shown too
+    #[arg(short = 'b', long, value_name = "FILE", requires_all = ["ensemble", "weights"])]
+    observations: Option<PathBuf>,
+    /// Ensemble table of the runs
+    #[arg(short, long, value_name = "FILE", requires = "observations")]
+    ensemble: Option<PathBuf>,
+    /// Weights of the runs
+    #[arg(short, long, value_name = "FILE", requires = "observations")]
+    weights: Option<PathBuf>,
+    /// Ensemble table of the runs that have the effect
+    #[arg(long, value_name = "FILE", requires_all = ["observations", "after_weights"])]
+    after_ensemble: Option<PathBuf>,
+    /// Weights of the runs that have the effect
+    #[arg(long, value_name = "FILE", requires = "after_ensemble")]
+    after_weights: Option<PathBuf>,
+    /// Standard deviation of the measurement noise; by default the `_sd` columns, or estimated
+    #[arg(long, value_name = "NAME=SD,…", requires = "observations")]
+    noise: Option<ByName>,
+    /// Name of the control
+    #[arg(short, long, value_name = "NAME")]
+    control: Option<String>,
     /// Unit of columns, as in u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -29,26 +53,45 @@ pub struct Gap {
     gap: PathBuf,
 }
 
+const EXAMPLE: &str = "\
+Example:
+  printf 'observable from to gap gap_sd z share significant\\n' > gap.txt
+  printf 'q 0 2 0 1 .1 0 no\\nq 2 9 3 .5 6 .9 yes\\n' >> gap.txt
+  gl-plot gap -c strain gap.txt -o gap.svg";
+
 /// A stretch of the control along which the gap is of one kind.
 #[derive(Clone, Debug)]
 struct Stretch {
     observable: String,
     from: f64,
     to: f64,
+    /// First and last step, where the table has them.
+    steps: Option<(f64, f64)>,
     z: f64,
     share: f64,
     significant: bool,
 }
 
-fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
+/// Whether the control turns back, so that stretches would lie on each other.
+fn turns_back(table: &[Stretch]) -> bool {
+    table.windows(2).filter(|pair| pair[0].observable == pair[1].observable).any(|pair| {
+        let middles = pair[1].from + pair[1].to - pair[0].from - pair[0].to;
+        [pair[0].to - pair[0].from, pair[1].to - pair[1].from].iter().any(|length| length * middles < 0.0)
+    })
+}
+
+fn read(path: &Path) -> Result<Vec<Stretch>> {
     let table = Table::read(path)?;
     ensure!(!table.is_empty(), "{}: no rows; there is nothing to draw", table.format().source());
     let observable = table.format().column("observable")?;
     let significant = table.format().column("significant")?;
     let (from, to) = (table.numbers("from")?, table.numbers("to")?);
     let (z, share) = (table.numbers("z")?, table.numbers("share")?);
+    let steps = table.format().find("steps")?;
     (0..table.len())
         .map(|row| {
+            let steps = steps.and_then(|column| Steps::from_str(table.field(row, column)).ok());
+            let steps = steps.map(|steps| (steps.from as f64, (steps.to - 1) as f64));
             let significant = match table.field(row, significant) {
                 "yes" | "true" | "1" => true,
                 "no" | "false" | "0" => false,
@@ -58,7 +101,7 @@ fn read(path: &std::path::Path) -> Result<Vec<Stretch>> {
             };
             let observable = table.field(row, observable).to_owned();
             let (from, to, z, share) = (from[row], to[row], z[row], share[row]);
-            Ok(Stretch { observable, from, to, z, share, significant })
+            Ok(Stretch { observable, from, to, steps, z, share, significant })
         })
         .collect()
 }
@@ -68,8 +111,27 @@ const AFTER: Color = color::GREEN;
 
 impl Gap {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let before = read(&self.gap)?;
-        let after = self.after.as_deref().map(read).transpose()?;
+        let mut before = read(&self.gap)?;
+        let mut after = self.after.as_deref().map(read).transpose()?;
+        let along_steps = turns_back(&before) || after.as_deref().is_some_and(turns_back);
+        if along_steps {
+            for stretch in before.iter_mut().chain(after.iter_mut().flatten()) {
+                // Without them the control has to do.
+                (stretch.from, stretch.to) = stretch.steps.unwrap_or((stretch.from, stretch.to));
+            }
+        }
+        let mut readings = Vec::new();
+        for (ensemble, weights) in
+            [(&self.ensemble, &self.weights), (&self.after_ensemble, &self.after_weights)]
+        {
+            if let (Some(ensemble), Some(weights)) = (ensemble, weights) {
+                readings.push(self.readings(ensemble, weights)?);
+            }
+        }
+        let name = self.control.clone().or(readings.first().map(|readings| readings.control_name.clone()));
+        let name = name.unwrap_or_else(|| "control".to_owned());
+        let label =
+            if along_steps { Label::new("step") } else { Label { unit: self.units.get(&name), name } };
         let mut names: Vec<String> = Vec::new();
         for stretch in before.iter().chain(after.iter().flatten()) {
             if !names.contains(&stretch.observable) {
@@ -101,40 +163,104 @@ impl Gap {
             let (left, right) = figure.cell(0, columns);
             let height = (0.6 * (right - left)).clamp(80.0, 150.0);
             let top = figure.y + 4.0;
+            let mut foot = top;
             for (place, name) in row.iter().enumerate() {
                 let (left, right) = figure.cell(place, columns);
-                let own = |table: &[Stretch]| -> Vec<Stretch> {
-                    table.iter().filter(|stretch| stretch.observable == *name).cloned().collect()
-                };
                 let tables: Vec<(Vec<Stretch>, Color)> =
-                    tables.iter().map(|(table, color)| (own(table), *color)).collect();
+                    tables.iter().map(|(table, color)| (own(table, name), *color)).collect();
+                let curves: Vec<(Vec<(f64, f64)>, Color)> = readings
+                    .iter()
+                    .zip([BEFORE, AFTER])
+                    .filter_map(|(readings, color)| Some((readings.of(name, along_steps)?, color)))
+                    .collect();
                 let all = || tables.iter().flat_map(|(table, _)| table);
                 let z = Span::of(all().map(|stretch| stretch.z)).with(-3.0).with(3.0).padded(0.16);
                 let y = Axis::vertical(z, Label::new(format!("gap of {name} / sd")), height);
-                let beside = room_beside(&y);
+                let each = Span::of(curves.iter().flat_map(|(points, _)| points.iter().map(|point| point.1)));
+                let each = each.with(-2.5).with(2.5).padded(0.08);
+                let each_y = Axis::vertical(each, Label::new("each reading / sd"), height);
+                let beside = room_beside(&y, height).max(room_beside(&each_y, height));
                 let (left, right) = (left + beside, right - 7.0);
-                let span = Span::of(all().flat_map(|stretch| [stretch.from, stretch.to])).padded(0.03);
-                let label = Label { name: self.control.clone(), unit: self.units.get(&self.control) };
-                let x = Axis::horizontal(span, label, right - left);
+                let ends = all().flat_map(|stretch| [stretch.from, stretch.to]);
+                let x = Axis::horizontal(Span::of(ends).padded(0.03), label.clone(), right - left);
+
+                let mut top = top;
+                if !curves.is_empty() {
+                    let rect = Rect::new(left, top, right, top + height);
+                    let mut panel =
+                        Panel::new(format!("gap of each reading of {name}"), rect, x.clone(), each_y)
+                            .beside(beside)
+                            .without_x_labels();
+                    tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
+                    lines(&mut panel);
+                    for (points, color) in &curves {
+                        let dot = Dot { opacity: 0.7, ..Dot::among(points.len(), *color) };
+                        panel.dots("readings", points.iter().copied(), dot, 3000);
+                    }
+                    figure.add(panel.finish());
+                    top += height + 8.0;
+                }
                 let rect = Rect::new(left, top, right, top + height);
-                let mut panel = Panel::new(format!("gap of {name}"), rect, x, y);
+                let mut panel = Panel::new(format!("gap of {name}"), rect, x, y).beside(beside);
                 tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
-                panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
-                panel.horizontal("2 sd", 2.0, limit_paint());
-                panel.horizontal("−2 sd", -2.0, limit_paint());
+                lines(&mut panel);
                 tables.iter().for_each(|(table, color)| draw(&mut panel, table, *color));
                 tables.iter().take(1).for_each(|(table, _)| write_shares(&mut panel, table));
+                foot = foot.max(panel.foot());
                 figure.add(panel.finish());
             }
-            figure.y = top + height + BELOW + 4.0;
+            figure.y = foot + 4.0;
         }
         Ok(figure.finish())
     }
 }
 
+/// The gap of each reading.
+struct Readings {
+    control_name: String,
+    control: Vec<f64>,
+    observables: Vec<String>,
+    /// In standard deviations, shape (observables, steps).
+    gap: Vec<Vec<f64>>,
+}
+
+impl Readings {
+    /// Points along the control, or along the steps.
+    fn of(&self, observable: &str, along_steps: bool) -> Option<Vec<(f64, f64)>> {
+        let gap = &self.gap[self.observables.iter().position(|name| name == observable)?];
+        let place = |step: usize| if along_steps { step as f64 } else { self.control[step] };
+        Some(gap.iter().enumerate().map(|(step, &gap)| (place(step), gap)).collect())
+    }
+}
+
+impl Gap {
+    fn readings(&self, ensemble: &Path, weights: &Path) -> Result<Readings> {
+        let ensemble = Ensemble::read_by_header(ensemble, self.control.as_deref(), &[])?;
+        let observations = self.observations.as_deref().context("no measurement")?;
+        let observations = Observations::read(observations, &ensemble.control_name, &ensemble.observables)?;
+        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        let weights = Weights::read(weights)?.of_runs(&ensemble)?;
+        let gap = standardised(&observations, &ensemble, &weights, noise.as_deref())?;
+        let Ensemble { control_name, observables, .. } = ensemble;
+        Ok(Readings { control_name, control: observations.control, observables, gap })
+    }
+}
+
+fn own(table: &[Stretch], observable: &str) -> Vec<Stretch> {
+    table.iter().filter(|stretch| stretch.observable == observable).cloned().collect()
+}
+
+fn lines(panel: &mut Panel) {
+    panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
+    panel.horizontal("2 sd", 2.0, limit_paint());
+    panel.horizontal("−2 sd", -2.0, limit_paint());
+}
+
 fn shade(panel: &mut Panel, table: &[Stretch], color: Color) {
+    // What is left afterwards at the foot, so that both can be seen.
+    let share = if color == AFTER { 0.05 } else { 1.0 };
     for stretch in table.iter().filter(|stretch| stretch.significant) {
-        panel.stripe("significant", stretch.from, stretch.to, significant_paint(color));
+        panel.stripe("significant", (stretch.from, stretch.to), share, significant_paint(color));
     }
 }
 
@@ -164,7 +290,7 @@ fn write_shares(panel: &mut Panel, table: &[Stretch]) {
 }
 
 fn significant_paint(color: Color) -> Paint {
-    Paint::area(color).opacity(0.15)
+    Paint::area(color).opacity(if color == AFTER { 0.5 } else { 0.15 })
 }
 
 fn limit_paint() -> Paint {

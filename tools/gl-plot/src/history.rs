@@ -2,19 +2,21 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
+use gl::summary::Summary;
 use gl::table::Table;
 
 use crate::Style;
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key};
 use crate::input::Parameters;
-use crate::panel::{BELOW, Dot, Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Color, Paint, Rect, Scene, color};
 
 /// Mean and spread of the parameters along the steps; sigma, ess and errors along the iterations
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 #[command(group(clap::ArgGroup::new("tables").args(["history", "summary"]).required(true).multiple(true)))]
 pub struct History {
     /// Table of parameters: their scales and units
@@ -27,6 +29,12 @@ pub struct History {
     #[arg(value_name = "HISTORY")]
     history: Option<PathBuf>,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'step sigma ess mean(E) cv(E)\\n' > history.txt
+  printf '0 .1 .9 2e9 .3\\n1 .1 .5 2.2e9 .2\\n' >> history.txt
+  gl-plot history history.txt -o history.svg";
 
 /// One quantity along steps or iterations.
 struct Trend {
@@ -60,7 +68,7 @@ impl Trend {
         self
     }
 
-    fn from_zero(mut self) -> Self {
+    fn with_zero(mut self) -> Self {
         self.span = self.span.with(0.0);
         self
     }
@@ -80,7 +88,11 @@ impl History {
             rows.into_iter().for_each(|row| draw_rows(&mut figure, row, "step"));
         }
         if !self.summary.is_empty() {
-            let tables = self.summary.iter().map(|path| Table::read(path)).collect::<Result<Vec<_>>>()?;
+            let tables = self
+                .summary
+                .iter()
+                .map(|path| Ok((path, Summary::read(path)?)))
+                .collect::<Result<Vec<_>>>()?;
             let rows = along_iterations(&tables, &parameters)?;
             figure.legend(&[
                 (Key::Line(Paint::line(color::BLUE, 1.2)), "mean".to_owned()),
@@ -119,19 +131,19 @@ fn along_steps(table: &Table, parameters: &Parameters) -> Result<Vec<Stacks>> {
         let label = parameters.label(name);
         stacks.push(vec![
             Trend::new(&step, means, label, name, color::BLUE).with_band(low, high),
-            Trend::new(&step, cv, Label::new("cv"), &format!("cv of {name}"), color::VERMILION).from_zero(),
+            Trend::new(&step, cv, Label::new("cv"), &format!("cv of {name}"), color::VERMILION).with_zero(),
         ]);
     }
     let mut filter = Vec::new();
     for name in ["sigma", "ess"] {
         let values = table.numbers(name)?;
         let trend = Trend::new(&step, values, Label::new(name), name, color::GREEN);
-        filter.push(vec![if name == "ess" { trend.from_zero() } else { trend.wide() }]);
+        filter.push(vec![if name == "ess" { trend.with_zero() } else { trend.wide() }]);
     }
     Ok(vec![stacks, filter])
 }
 
-fn along_iterations(tables: &[Table], parameters: &Parameters) -> Result<Vec<Stacks>> {
+fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> Result<Vec<Stacks>> {
     let iteration: Vec<f64> = (0..tables.len()).map(|i| i as f64).collect();
     let quantities =
         |name: &str| tables.iter().map(|table| quantity(table, name)).collect::<Result<Vec<_>>>();
@@ -139,10 +151,10 @@ fn along_iterations(tables: &[Table], parameters: &Parameters) -> Result<Vec<Sta
     for name in ["sigma", "ess", "ensemble_error", "best_error"] {
         let label = Label::new(name.replace('_', " "));
         let trend = Trend::new(&iteration, quantities(name)?, label, name, color::GREEN);
-        numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.from_zero() }]);
+        numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
     }
     let mut means = Vec::new();
-    for name in names_in(&tables[0])? {
+    for name in tables[0].1.names_of("mean") {
         let trend = Trend::new(
             &iteration,
             quantities(&format!("mean({name})"))?,
@@ -156,24 +168,12 @@ fn along_iterations(tables: &[Table], parameters: &Parameters) -> Result<Vec<Sta
     Ok(vec![numbers, means])
 }
 
-/// The value of a quantity in a summary table.
-fn quantity(table: &Table, name: &str) -> Result<f64> {
-    let column = table.format().column("quantity")?;
-    let value = table.format().column("value")?;
-    match (0..table.len()).find(|&row| table.field(row, column) == name) {
-        Some(row) => table.number(row, value),
-        None => {
-            anyhow::bail!("{}: no quantity {name}; is it a summary of gl-filter?", table.format().source())
-        }
-    }
-}
-
-/// Parameters whose means a summary table holds.
-fn names_in(table: &Table) -> Result<Vec<String>> {
-    let column = table.format().column("quantity")?;
-    Ok((0..table.len())
-        .filter_map(|row| Some(table.field(row, column).strip_prefix("mean(")?.strip_suffix(')')?.to_owned()))
-        .collect())
+/// The value of a quantity in the summary at `path`.
+fn quantity((path, summary): &(&PathBuf, Summary), name: &str) -> Result<f64> {
+    summary
+        .find_number(name)
+        .with_context(|| path.display().to_string())?
+        .with_context(|| format!("{}: no quantity {name}; is it a summary of gl-filter?", path.display()))
 }
 
 fn draw_rows(figure: &mut Figure, stacks: Stacks, along: &str) {
@@ -189,7 +189,8 @@ fn draw_rows(figure: &mut Figure, stacks: Stacks, along: &str) {
                 .zip(heights)
                 .map(|(trend, height)| Axis::vertical(trend.span.padded(0.06), trend.label.clone(), height))
                 .collect();
-            let beside = axes.iter().map(room_beside).fold(0.0, f64::max);
+            let beside =
+                axes.iter().zip(heights).map(|(axis, height)| room_beside(axis, height)).fold(0.0, f64::max);
             let (left, right) = (left + beside, right - 7.0);
             let mut y = top;
             for (i, (trend, axis)) in stack.iter().zip(axes).enumerate() {
@@ -202,12 +203,12 @@ fn draw_rows(figure: &mut Figure, stacks: Stacks, along: &str) {
                     panel = panel.without_x_labels();
                 }
                 trend.draw(&mut panel);
+                bottom = bottom.max(panel.foot());
                 figure.add(panel.finish());
-                bottom = bottom.max(y + heights[i]);
                 y += heights[i] + 7.0;
             }
         }
-        figure.y = bottom + BELOW + 4.0;
+        figure.y = bottom + 4.0;
     }
 }
 

@@ -37,7 +37,10 @@ pub fn lightest_first(weight: &[f64]) -> Vec<usize> {
 
 /// The name of a table without its folder and ending.
 pub fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(|| "stdin".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    if path == Path::new("-") {
+        return "stdin".to_owned();
+    }
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// What is known about the parameters from `params.txt`: scales, bounds and units.
@@ -66,11 +69,14 @@ impl Parameters {
         Label { name: name.to_owned(), unit: self.get(name).and_then(|parameter| parameter.unit.clone()) }
     }
 
-    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis.
-    pub fn support(&self, name: &str, span: Span) -> Span {
+    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis where
+    /// there are none or some values lie beyond them.
+    pub fn support(&self, name: &str, span: Span, values: &[f64]) -> Span {
         match self.get(name) {
-            Some(parameter) => Span { low: parameter.lower, high: parameter.upper, ..span },
-            None => span,
+            Some(known) if values.iter().all(|value| (known.lower..=known.upper).contains(value)) => {
+                Span { low: known.lower, high: known.upper, ..span }
+            }
+            _ => span,
         }
     }
 

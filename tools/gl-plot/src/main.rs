@@ -31,13 +31,20 @@ use gl::table::Sink;
 
 /// Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
 #[derive(Parser)]
-#[command(name = "gl-plot", version)]
+#[command(name = "gl-plot", version, after_help = EXAMPLE)]
 struct Args {
     #[command(subcommand)]
     picture: Picture,
     #[command(flatten)]
     style: Style,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'sample a weight\\nx 1 .2\\ny 2 .5\\nz 3 .3\\n' |
+    gl-plot posterior -w - -o posterior.svg
+
+gl-plot KIND --help has an example for each kind.";
 
 #[derive(Subcommand)]
 enum Picture {
@@ -143,5 +150,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-plot", run(&Args::parse()))
+    gl::cli::finish("gl-plot", run(&gl::cli::parse()))
 }

@@ -2,11 +2,11 @@
 
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, MARGIN};
-use crate::panel::{BELOW, Panel, room_beside};
+use crate::panel::{Panel, room_below, room_beside};
 use crate::scene::Rect;
 
 /// Between neighbouring panels.
-const GAP: f64 = 5.0;
+const GAP: f64 = 6.5;
 
 /// Draw a panel for every pair of parameters below the diagonal, and one for each on it.
 ///
@@ -21,13 +21,18 @@ pub fn draw(
     pair: impl Fn(&mut Panel, usize, usize),
 ) {
     let n = spans.len();
-    // Room for labels hardly depends on the height that they are made for.
+    let widest = if n == 1 { 300.0 } else { 190.0 };
+    let sizes = |beside: f64| {
+        let room = figure.width - 2.0 * MARGIN - beside - 4.0;
+        let width = (room / n as f64 - GAP).min(widest);
+        (width, if n == 1 { 0.5 * width } else { 0.85 * width })
+    };
+    // The room for labels depends on the height of the panels, and that a little on the room.
+    let (_, guess) = sizes(30.0);
     let beside = (1..n)
-        .map(|row| room_beside(&Axis::vertical(spans[row], labels[row].clone(), 60.0)))
-        .fold(room_beside(&Axis::bare(Span::of([]), Label::new("density"))), f64::max);
-    let room = figure.width - 2.0 * MARGIN - beside - 4.0;
-    let width = (room / n as f64 - GAP).min(190.0);
-    let height = (0.85 * width).max(46.0);
+        .map(|row| room_beside(&Axis::vertical(spans[row], labels[row].clone(), guess), 0.9 * guess))
+        .fold(room_beside(&Axis::bare(Span::of([]), Label::new("density")), guess), f64::max);
+    let (width, height) = sizes(beside);
     let top = figure.y + 4.0;
     for row in 0..n {
         for column in 0..=row {
@@ -42,7 +47,7 @@ pub fn draw(
                 let name = format!("{} against {}", labels[row].name, labels[column].name);
                 (name, Axis::vertical(spans[row], labels[row].clone(), height))
             };
-            let mut panel = Panel::new(name, rect, x, y).beside(beside);
+            let mut panel = Panel::new(name, rect, x, y).beside(beside).among_neighbours();
             if row + 1 < n {
                 panel = panel.without_x_labels();
             }
@@ -57,5 +62,8 @@ pub fn draw(
             figure.add(panel.finish());
         }
     }
-    figure.y = top + (height + GAP) * n as f64 - GAP + BELOW;
+    let below = (0..n)
+        .map(|column| room_below(&Axis::horizontal(spans[column], labels[column].clone(), width), width))
+        .fold(0.0, f64::max);
+    figure.y = top + (height + GAP) * n as f64 - GAP + below;
 }

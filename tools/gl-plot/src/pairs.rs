@@ -1,6 +1,6 @@
 //! Samples of every iteration, and what the posterior makes of each pair of parameters.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
@@ -19,6 +19,7 @@ use crate::scene::{Color, Paint, Scene, color, star};
 
 /// Samples of every iteration, and the posterior density of each pair of parameters
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Pairs {
     /// Table of weights: the posterior
     #[arg(short, long, value_name = "FILE")]
@@ -34,10 +35,19 @@ pub struct Pairs {
     truth: Option<ByName>,
 }
 
+const EXAMPLE: &str = "\
+Example:
+  printf 'sample E mu weight\\na 1e9 .3 .1\\nb 2e9 .4 .9\\n' > weights.txt
+  printf 'description E mu\\na 1e9 .3\\nb 2e9 .4\\n' > samples.txt
+  printf 'name lower upper unit\\nE 1e9 4e9 Pa\\nmu .2 .5 -\\n' > params.txt
+  gl-plot pairs -w weights.txt -s samples.txt -p params.txt \\
+    --truth E=2e9,mu=.4 -o pairs.svg";
+
 const CELLS: usize = 48;
 const CELLS_OF_ONE: usize = 120;
-/// Dots of all panels together.
-const MOST_DOTS: usize = 40_000;
+/// Dots of all panels together, and of one.
+const MOST_DOTS: usize = 12_000;
+const MOST_IN_A_PANEL: usize = 1500;
 
 /// Samples that are drawn alike.
 struct Cloud {
@@ -45,6 +55,22 @@ struct Cloud {
     /// Shape (parameters, samples).
     values: Vec<Vec<f64>>,
     color: Color,
+    /// One in how many is drawn: all would hide the density, and those that the eye could tell apart
+    /// would look evenly spread.
+    stride: usize,
+}
+
+impl Cloud {
+    fn new(label: String, values: Vec<Vec<f64>>, color: Color, most: usize) -> Self {
+        let stride = values[0].len().div_ceil(most.max(1)).max(1);
+        let label = if stride > 1 { format!("{label} (1 in {stride})") } else { label };
+        Self { label, values, color, stride }
+    }
+
+    /// The values of a parameter that are drawn.
+    fn drawn(&self, parameter: usize) -> impl Iterator<Item = f64> {
+        self.values[parameter].iter().copied().step_by(self.stride)
+    }
 }
 
 impl Pairs {
@@ -67,7 +93,8 @@ impl Pairs {
             })
             .collect();
         let labels: Vec<_> = names.iter().map(|name| parameters.label(name)).collect();
-        let supports: Vec<Span> = (0..n).map(|j| parameters.support(&names[j], spans[j])).collect();
+        let supports: Vec<Span> =
+            (0..n).map(|j| parameters.support(&names[j], spans[j], &values[j])).collect();
         let places: Vec<Vec<f64>> = (0..n)
             .map(|j| values[j].iter().map(|&x| supports[j].place(x).clamp(0.0, 1.0)).collect())
             .collect();
@@ -89,7 +116,6 @@ impl Pairs {
         }
         figure.legend(&legend);
 
-        let most = MOST_DOTS / (clouds.len() * (n * (n - 1) / 2).max(1));
         matrix::draw(
             &mut figure,
             &spans,
@@ -102,6 +128,15 @@ impl Pairs {
                 let x: Vec<f64> = points.iter().map(|point| point.0).collect();
                 panel.band("posterior", &x, &vec![0.0; x.len()], &marginals[j], outer_paint());
                 panel.line("posterior", points, Paint::line(color::BLUE, 1.2));
+                for cloud in clouds.iter().filter(|_| n == 1) {
+                    let foot = cloud.drawn(j).map(|x| (x, 0.015 * highest[j]));
+                    panel.dots(
+                        &cloud.label,
+                        foot,
+                        Dot::among(cloud.drawn(j).count(), cloud.color),
+                        MOST_IN_A_PANEL,
+                    );
+                }
                 if let Some(value) = truth.get(&names[j]) {
                     let (x, y) = panel.at((value, 0.0));
                     panel.add("truth", vec![star((x, y - 5.0), 4.5, star_paint(color::BLACK))]);
@@ -124,9 +159,9 @@ impl Pairs {
                     panel.outlines(&format!("{title} of the posterior"), &outlines, paint);
                 }
                 for cloud in &clouds {
-                    let points = cloud.values[i].iter().copied().zip(cloud.values[j].iter().copied());
-                    let dot = Dot::among(cloud.values[i].len() * n / 2, cloud.color);
-                    panel.dots(&cloud.label, points, dot, most);
+                    let points = cloud.drawn(i).zip(cloud.drawn(j));
+                    let dot = Dot::among(cloud.drawn(i).count() * n, cloud.color);
+                    panel.dots(&cloud.label, points, dot, MOST_IN_A_PANEL);
                 }
                 if let (Some(x), Some(y)) = (truth.get(&names[i]), truth.get(&names[j])) {
                     let at = panel.at((x, y));
@@ -138,24 +173,30 @@ impl Pairs {
     }
 
     fn clouds(&self, names: &[String], weighed: &[Vec<f64>]) -> Result<Vec<Cloud>> {
+        let panels = (names.len() * (names.len() - 1) / 2).max(1);
+        let most = (MOST_DOTS / (panels * self.samples.len().max(1))).min(MOST_IN_A_PANEL);
         if self.samples.is_empty() {
             let label = "samples".to_owned();
-            return Ok(vec![Cloud { label, values: weighed.to_vec(), color: color::GREY }]);
+            return Ok(vec![Cloud::new(label, weighed.to_vec(), color::GREY, most)]);
         }
         let last = (self.samples.len() - 1).max(1) as f64;
         let cloud = |(i, path): (usize, &PathBuf)| -> Result<Cloud> {
             let rows = Samples::read(path)?.columns(names)?;
             let values = (0..names.len()).map(|j| rows.iter().map(|row| row[j]).collect()).collect();
-            Ok(Cloud { label: self.label(i, path), values, color: shade(i as f64 / last) })
+            Ok(Cloud::new(self.label(i, path), values, shade(i as f64 / last), most))
         };
         self.samples.iter().enumerate().map(cloud).collect()
     }
 
-    /// The file, where files have names of their own; else the iteration.
-    fn label(&self, i: usize, path: &std::path::Path) -> String {
-        let own = stem(path);
-        let shared = self.samples.iter().filter(|other| stem(other) == own).count() > 1;
-        if shared { format!("iteration {i}") } else { own }
+    /// What tells this file from the others: its name, or its folder's; else its place among them.
+    fn label(&self, i: usize, path: &Path) -> String {
+        let own = |name: fn(&Path) -> String| {
+            let label = name(path);
+            let shared = self.samples.iter().filter(|other| name(other) == label).count() > 1;
+            (!shared && !label.is_empty()).then_some(label)
+        };
+        let folder = |path: &Path| path.parent().map(stem).unwrap_or_default();
+        own(stem).or_else(|| own(folder)).unwrap_or_else(|| format!("iteration {i}"))
     }
 }
 

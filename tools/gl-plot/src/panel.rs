@@ -2,16 +2,27 @@
 
 use crate::axis::{Axis, LARGE, SMALL};
 use crate::scene::{Anchor, Color, Item, Paint, Point, Rect, area, color, line, text, turned_text};
-use crate::thin;
+use crate::{font, thin};
 
 /// From the frame to a tick label.
 const TICK: f64 = 2.5;
 /// Below the frame: tick labels and the title of the axis.
-pub const BELOW: f64 = TICK + SMALL + LARGE + 5.0;
+const BELOW: f64 = TICK + SMALL + LARGE + 5.0;
 
-/// Room that a vertical axis takes left of the frame: tick labels and title.
-pub fn room_beside(axis: &Axis) -> f64 {
-    TICK + axis.tick_width() + 4.0 + LARGE + 2.0
+/// How far the title of an axis may reach past the ends of its frame, on both sides together.
+const PAST_THE_ENDS: f64 = 5.0;
+const SECOND_LINE: f64 = LARGE + 1.5;
+
+/// Room that a vertical axis, `length` points high, takes left of the frame: tick labels and title.
+pub fn room_beside(axis: &Axis, length: f64) -> f64 {
+    let lines = axis.title(length + PAST_THE_ENDS).len() as f64;
+    TICK + axis.tick_width() + 4.0 + LARGE + 2.0 + SECOND_LINE * (lines - 1.0)
+}
+
+/// Room that a horizontal axis, `length` points long, takes below the frame.
+pub fn room_below(axis: &Axis, length: f64) -> f64 {
+    let lines = axis.title(length + PAST_THE_ENDS).len() as f64;
+    BELOW + SECOND_LINE * (lines - 1.0)
 }
 
 /// A frame with two axes.
@@ -25,6 +36,8 @@ pub struct Panel {
     heading: Option<String>,
     /// From the left edge of the room for labels to the frame.
     beside: f64,
+    /// How far a number below the frame may reach past its end.
+    overhang: f64,
     with_x_labels: bool,
     with_y_labels: bool,
     /// What the frame cuts off.
@@ -36,12 +49,13 @@ pub struct Panel {
 impl Panel {
     pub fn new(name: impl Into<String>, rect: Rect, x: Axis, y: Axis) -> Self {
         Self {
-            beside: room_beside(&y),
+            beside: room_beside(&y, rect.height()),
             rect,
             x,
             y,
             name: name.into(),
             heading: None,
+            overhang: 8.0,
             with_x_labels: true,
             with_y_labels: true,
             items: Vec::new(),
@@ -61,6 +75,12 @@ impl Panel {
         self
     }
 
+    /// Keep the numbers below the frame off those of the neighbours.
+    pub fn among_neighbours(mut self) -> Self {
+        self.overhang = 1.5;
+        self
+    }
+
     /// Leave the numbers and the title of the horizontal axis to a panel below.
     pub fn without_x_labels(mut self) -> Self {
         self.with_x_labels = false;
@@ -71,6 +91,11 @@ impl Panel {
     pub fn without_y_labels(mut self) -> Self {
         self.with_y_labels = false;
         self
+    }
+
+    /// Where the panel ends with its labels.
+    pub fn foot(&self) -> f64 {
+        self.rect.y1 + room_below(&self.x, self.rect.width())
     }
 
     /// Where a pair of values stands in the picture.
@@ -149,10 +174,11 @@ impl Panel {
         self.add(title, vec![line(vec![(self.rect.x0, y), (self.rect.x1, y)], paint)]);
     }
 
-    /// A stripe across the panel between two values of x.
-    pub fn stripe(&mut self, title: &str, from: f64, to: f64, paint: Paint) {
+    /// A stripe between two values of x, from the bottom up to a share of the height.
+    pub fn stripe(&mut self, title: &str, (from, to): (f64, f64), share: f64, paint: Paint) {
         let ((x0, _), (x1, _)) = (self.at((from, self.y.span.low)), self.at((to, self.y.span.low)));
-        self.add(title, vec![area(Rect { x0: x0.min(x1), x1: x0.max(x1), ..self.rect }, paint)]);
+        let y0 = self.rect.y1 - share * self.rect.height();
+        self.add(title, vec![area(Rect { x0: x0.min(x1), x1: x0.max(x1), y0, ..self.rect }, paint)]);
     }
 
     /// The panel with its axes drawn.
@@ -167,6 +193,8 @@ impl Panel {
             let x = x_at(*value);
             marks.push(vec![(x, y1), (x, y1 - 2.5)]);
             if self.with_x_labels {
+                let reach = font::width(label, SMALL) / 2.0 - self.overhang;
+                let x = x.min(x1 - reach).max(x0 + reach);
                 axes.push(text((x, y1 + TICK + SMALL), label, SMALL, Anchor::Middle));
             }
         }
@@ -181,12 +209,16 @@ impl Panel {
         marks.extend(self.y.minor.iter().map(|&value| vec![(x0, y_at(value)), (x0 + 1.4, y_at(value))]));
         axes.push(Item::Path { lines: marks, closed: false, paint: frame });
         if self.with_x_labels {
-            let title = self.x.title(x1 - x0 + 4.0);
-            axes.push(text(((x0 + x1) / 2.0, y1 + BELOW - 3.5), title, LARGE, Anchor::Middle));
+            for (i, line) in self.x.title(x1 - x0 + PAST_THE_ENDS).into_iter().enumerate() {
+                let y = y1 + BELOW - 3.5 + SECOND_LINE * i as f64;
+                axes.push(text(((x0 + x1) / 2.0, y), line, LARGE, Anchor::Middle));
+            }
         }
         if self.with_y_labels {
-            let place = (x0 - self.beside + LARGE + 1.0, (y0 + y1) / 2.0);
-            axes.push(turned_text(place, self.y.title(y1 - y0 + 12.0), LARGE));
+            for (i, line) in self.y.title(y1 - y0 + PAST_THE_ENDS).into_iter().enumerate() {
+                let x = x0 - self.beside + LARGE + 1.0 + SECOND_LINE * i as f64;
+                axes.push(turned_text((x, (y0 + y1) / 2.0), line, LARGE));
+            }
         }
         if let Some(heading) = &self.heading {
             axes.push(text(((x0 + x1) / 2.0, y0 - 3.0), heading, SMALL, Anchor::Middle));
@@ -249,7 +281,7 @@ mod tests {
     #[test]
     fn a_path_is_cut_where_it_turns_back() {
         assert_eq!(monotone_stretches(&[0.0, 1.0, 2.0, 1.0, 0.0, 0.0, 3.0]), [0..3, 2..6, 5..7]);
-        assert_eq!(monotone_stretches(&[1.0, 1.0, 2.0]), [0..3]);
+        assert_eq!(monotone_stretches(&[1.0, 1.0, 2.0, 1.0]), [0..3, 2..4]);
         assert_eq!(monotone_stretches(&[]), []);
     }
 }

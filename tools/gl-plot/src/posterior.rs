@@ -2,22 +2,24 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gl::density::marginal;
 use gl::observations::ByName;
 use gl::statistics::{Quantiles, mean};
+use gl::summary::Summary;
 use gl::weights::Weights;
 
 use crate::Style;
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key, star_paint};
 use crate::input::{Parameters, check_truth, column, lightest_first, read_weights, stem};
-use crate::panel::{BELOW, Dot, Panel, room_beside};
+use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Color, Paint, Rect, Scene, color, star};
 
 /// Weights against each parameter, and the marginals with their 90 % intervals
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Posterior {
     /// Table of weights; may be repeated, for steps or iterations from the first to the last
     #[arg(short, long, value_name = "FILE", required = true)]
@@ -28,10 +30,20 @@ pub struct Posterior {
     /// Table of parameters: their bounds, scales and units
     #[arg(short, long, value_name = "FILE")]
     params: Option<PathBuf>,
+    /// Summary of the last table of weights: its means and intervals, which allow for few runs
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
     /// True values where they are known, as in a=0.2,b=5
     #[arg(long, value_name = "NAME=VALUE,…")]
     truth: Option<ByName>,
 }
+
+const EXAMPLE: &str = "\
+Example:
+  printf 'sample E mu weight\\na 1e9 .3 .1\\nb 2e9 .4 .9\\n' > weights.txt
+  printf 'name lower upper unit\\nE 1e9 4e9 Pa\\nmu .2 .5 -\\n' > params.txt
+  gl-plot posterior -w weights.txt -p params.txt --truth E=2e9 \\
+    -o posterior.svg";
 
 const CELLS: usize = 160;
 /// Dots of all panels together; more would make an SVG that no browser likes.
@@ -52,6 +64,12 @@ impl Posterior {
         let truth = self.truth.clone().unwrap_or_default();
         check_truth(&truth, names)?;
 
+        let summary = self.summary.as_deref().map(Summary::read).transpose()?;
+        let stated: Vec<Option<(f64, f64, f64)>> = names
+            .iter()
+            .map(|name| summary.as_ref().map(|summary| stated(summary, name)).transpose())
+            .collect::<Result<_>>()?;
+
         let title = format!("Posterior of {}", names.join(", "));
         let mut figure = Figure::new(title, style.width);
         figure.legend(&legend(&stages, &parameters, !truth.is_empty()));
@@ -64,8 +82,9 @@ impl Posterior {
             let tops: Vec<f64> =
                 (0..=stages.len()).map(|row| figure.y + 9.0 + (row_height + 14.0) * row as f64).collect();
             let heights: Vec<Axis> = stages.iter().map(|stage| stage.axis(row_height)).collect();
-            let beside = heights.iter().map(room_beside).fold(0.0, f64::max);
+            let beside = heights.iter().map(|axis| room_beside(axis, row_height)).fold(0.0, f64::max);
             let bottom = tops[stages.len()] + 62.0;
+            let mut foot = bottom;
             for (place, j) in block.enumerate() {
                 let (left, right) = figure.shared_cell(place, columns, beside);
                 let values: Vec<Vec<f64>> = stages.iter().map(|stage| column(&stage.weights, j)).collect();
@@ -91,9 +110,14 @@ impl Posterior {
                     figure.add(panel.finish());
                 }
                 let rect = Rect::new(left, tops[stages.len()], right, bottom);
-                let mut panel =
-                    Marginals { name: &names[j], stages: &stages, values: &values, parameters: &parameters }
-                        .panel(rect, x, beside);
+                let marginals = Marginals {
+                    name: &names[j],
+                    stages: &stages,
+                    values: &values,
+                    parameters: &parameters,
+                    stated: stated[j],
+                };
+                let mut panel = marginals.panel(rect, x, beside);
                 if place > 0 {
                     panel = panel.without_y_labels();
                 }
@@ -101,9 +125,10 @@ impl Posterior {
                     let at = panel.at((value, panel.y.span.low));
                     panel.add("truth", vec![star((at.0, at.1 - 5.0), 5.0, star_paint(color::BLACK))]);
                 }
+                foot = foot.max(panel.foot());
                 figure.add(panel.finish());
             }
-            figure.y = bottom + BELOW + 4.0;
+            figure.y = foot + 4.0;
         }
         Ok(figure.finish())
     }
@@ -155,12 +180,14 @@ struct Marginals<'a> {
     /// Shape (stages, samples).
     values: &'a [Vec<f64>],
     parameters: &'a Parameters,
+    /// Mean and ends of the 90 % interval from the summary.
+    stated: Option<(f64, f64, f64)>,
 }
 
 impl Marginals<'_> {
     fn panel(&self, rect: Rect, x: Axis, beside: f64) -> Panel {
         // Kernels do not leak through the bounds.
-        let support = self.parameters.support(self.name, x.span);
+        let support = self.parameters.support(self.name, x.span, &self.values.concat());
         let densities: Vec<Vec<f64>> = self
             .stages
             .iter()
@@ -174,18 +201,22 @@ impl Marginals<'_> {
         let highest = densities.iter().flatten().copied().fold(0.0, f64::max);
         let y = Axis::bare(Span { low: 0.0, high: 1.1 * highest, log: false }, Label::new("density"));
         let name = format!("marginal of {}", self.name);
-        let mut panel = Panel::new(name, rect, x, y).beside(beside);
+        let mut panel = Panel::new(name, rect, x, y).beside(beside).among_neighbours();
 
         if let (Some(stage), Some(values), Some(density)) =
             (self.stages.last(), self.values.last(), densities.last())
         {
-            let quantiles = Quantiles::new(values, &stage.weights.weight);
-            let (low, high) = (quantiles.at(0.05), quantiles.at(0.95));
+            let (centre, low, high) = match self.stated {
+                Some(stated) => stated,
+                None => {
+                    let quantiles = Quantiles::new(values, &stage.weights.weight);
+                    (mean(values, &stage.weights.weight), quantiles.at(0.05), quantiles.at(0.95))
+                }
+            };
             let inside: Vec<usize> = (0..CELLS).filter(|&i| (low..=high).contains(&at[i])).collect();
             let x: Vec<f64> = inside.iter().map(|&i| at[i]).collect();
             let top: Vec<f64> = inside.iter().map(|&i| density[i]).collect();
             panel.band("90 % interval", &x, &vec![0.0; x.len()], &top, interval_paint());
-            let centre = mean(values, &stage.weights.weight);
             panel.vertical("mean", centre, mean_paint());
         }
         for (stage, density) in self.stages.iter().zip(&densities) {
@@ -193,8 +224,12 @@ impl Marginals<'_> {
             panel.line(&format!("density, {}", stage.label), points, Paint::line(stage.color, 1.2));
         }
         if let Some(parameter) = self.parameters.get(self.name) {
-            let prior: Vec<(f64, f64)> = (0..CELLS)
-                .map(|i| (at[i], parameter.ln_density((i as f64 + 0.5) / CELLS as f64).exp()))
+            // A density per unit of the axis, on which the range of the prior takes up only a part.
+            let share = support.place(parameter.upper) - support.place(parameter.lower);
+            let prior: Vec<(f64, f64)> = at
+                .iter()
+                .filter(|x| (parameter.lower..=parameter.upper).contains(x))
+                .map(|&x| (x, parameter.ln_density(parameter.coordinate(x)).exp() / share))
                 .collect();
             panel.line("prior", prior, prior_paint());
             panel.vertical("lower bound", parameter.lower, bound_paint());
@@ -202,6 +237,15 @@ impl Marginals<'_> {
         }
         panel
     }
+}
+
+/// Mean and ends of the 90 % interval of a parameter.
+fn stated(summary: &Summary, name: &str) -> Result<(f64, f64, f64)> {
+    let number = |kind: &str| {
+        let quantity = format!("{kind}({name})");
+        summary.find_number(&quantity)?.with_context(|| format!("--summary: no quantity {quantity}"))
+    };
+    Ok((number("mean")?, number("q05")?, number("q95")?))
 }
 
 fn legend(stages: &[Stage], parameters: &Parameters, truth: bool) -> Vec<(Key, String)> {

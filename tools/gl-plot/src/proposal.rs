@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl::mixture::Gaussian;
+use gl::proposal::Proposal as Mixture;
 use gl::samples::Samples;
-use gl::table::Table;
 
 use crate::Style;
 use crate::axis::Span;
@@ -18,6 +19,7 @@ use crate::scene::{Color, Paint, Scene, color};
 
 /// Ellipses of the mixture that new samples are drawn from, over the samples
 #[derive(Args)]
+#[command(after_help = EXAMPLE)]
 pub struct Proposal {
     /// Samples table, such as those drawn from the proposal
     #[arg(short, long, value_name = "FILE")]
@@ -25,111 +27,65 @@ pub struct Proposal {
     /// Table of parameters: their units
     #[arg(short, long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Proposal table: `weight mean(NAME) cov(NAME,NAME) lower(NAME) upper(NAME) log(NAME)`
+    /// Proposal table, as gl-gmm-resample writes it
     #[arg(value_name = "PROPOSAL", default_value = "-")]
     proposal: PathBuf,
 }
 
-/// Normal distributions in coordinates between the bounds, and their weights.
-struct Mixture {
-    names: Vec<String>,
-    bounds: Vec<Span>,
-    weight: Vec<f64>,
-    /// Shape (components, parameters).
-    mean: Vec<Vec<f64>>,
-    /// Shape (components, parameters, parameters).
-    covariance: Vec<Vec<Vec<f64>>>,
-}
+const EXAMPLE: &str = "\
+Example:
+  printf 'name lower upper\\na 0 1\\nb 0 10\\n' > params.txt
+  gl-sample -p params.txt -n 50 -o samples.txt
+  awk 'NR == 1 { print \"sample a b weight\" }
+    NR > 1 { print $1, $3, $4, exp(-20 * ($3 - .5)^2) }' \\
+    samples.txt > weights.txt
+  gl-gmm-resample -p params.txt -n 50 --iteration 1 \\
+    --proposal-out proposal.txt weights.txt -o next.txt
+  gl-plot proposal -s next.txt proposal.txt -o proposal.svg";
 
 const MOST_DOTS: usize = 40_000;
 const CELLS: usize = 150;
 const CORNERS: usize = 72;
 
-impl Mixture {
-    fn from_table(table: &Table) -> Result<Self> {
-        let source = table.format().source();
-        ensure!(!table.is_empty(), "{source}: no rows; a mixture has a component in each");
-        let inside = |column: &str| column.strip_prefix("mean(")?.strip_suffix(')').map(str::to_owned);
-        let names: Vec<String> =
-            table.format().columns().iter().filter_map(|column| inside(column)).collect();
-        ensure!(!names.is_empty(), "{source}:1: no column mean(NAME); is it a proposal of gl-gmm-resample?");
-        let column = |what: &str, name: &str| table.numbers(&format!("{what}({name})"));
-        let mut bounds = Vec::new();
-        for name in &names {
-            let (low, high, log) =
-                (column("lower", name)?[0], column("upper", name)?[0], column("log", name)?[0]);
-            ensure!(
-                low < high,
-                "{source}:{}: column upper({name}): {high} is not above {low}",
-                table.line(0)
-            );
-            let span = Span { low, high, log: false };
-            bounds.push(if log == 1.0 { span.logarithmic() } else { span });
-        }
-        let means = names.iter().map(|name| column("mean", name)).collect::<Result<Vec<_>>>()?;
-        let pair = |a: &str, b: &str| -> Result<Vec<f64>> {
-            // A symmetric matrix need not be written twice.
-            let there = table.format().find(&format!("cov({a},{b})"))?.is_some();
-            if there { column("cov", &format!("{a},{b}")) } else { column("cov", &format!("{b},{a}")) }
-        };
-        let covariances = names
-            .iter()
-            .map(|a| names.iter().map(|b| pair(a, b)).collect::<Result<Vec<_>>>())
-            .collect::<Result<Vec<_>>>()?;
-        let n = 0..names.len();
-        Ok(Self {
-            weight: table.numbers("weight")?,
-            mean: (0..table.len()).map(|k| n.clone().map(|j| means[j][k]).collect()).collect(),
-            covariance: (0..table.len())
-                .map(|k| n.clone().map(|i| n.clone().map(|j| covariances[i][j][k]).collect()).collect())
-                .collect(),
-            bounds,
-            names,
-        })
-    }
-
-    /// Density of each component along a parameter, times its weight, at evenly spaced coordinates;
-    /// shape (components, cells).
-    fn along(&self, j: usize) -> Vec<Vec<f64>> {
-        let component = |k: usize| -> Vec<f64> {
-            let sd = self.covariance[k][j][j].max(0.0).sqrt().max(1e-9);
-            let height = self.weight[k] / (sd * std::f64::consts::TAU.sqrt());
-            (0..=CELLS)
-                .map(|i| (i as f64 / CELLS as f64 - self.mean[k][j]) / sd)
-                .map(|z| height * (-0.5 * z * z).exp())
-                .collect()
-        };
-        (0..self.weight.len()).map(component).collect()
-    }
-
-    /// The ellipse `reach` standard deviations around a component's mean.
-    fn ellipse(&self, k: usize, i: usize, j: usize, reach: f64) -> Vec<(f64, f64)> {
-        let covariance = &self.covariance[k];
-        // The lower Cholesky factor takes a circle to the ellipse.
-        let a = covariance[i][i].max(0.0).sqrt();
-        let b = if a > 0.0 { covariance[i][j] / a } else { 0.0 };
-        let c = (covariance[j][j] - b * b).max(0.0).sqrt();
-        (0..CORNERS)
-            .map(|corner| std::f64::consts::TAU * corner as f64 / CORNERS as f64)
-            .map(|angle| (reach * angle.cos(), reach * angle.sin()))
-            .map(|(u, v)| (self.mean[k][i] + a * u, self.mean[k][j] + b * u + c * v))
-            .map(|(x, y)| (self.bounds[i].value(x), self.bounds[j].value(y)))
+/// Density of each component along a parameter, times its weight, at evenly spaced coordinates; shape
+/// (components, cells + 1).
+fn along(mixture: &Mixture, parameter: usize) -> Result<Vec<Vec<f64>>> {
+    let curve = |(weight, gaussian): (f64, Gaussian)| -> Vec<f64> {
+        let mut scratch = [0.0];
+        (0..=CELLS)
+            .map(|i| weight * gaussian.ln_density(&[i as f64 / CELLS as f64], &mut scratch).exp())
             .collect()
-    }
+    };
+    Ok(mixture.marginal(&[parameter])?.into_iter().map(curve).collect())
+}
+
+/// The ellipse `reach` standard deviations around a component, in coordinates.
+fn ellipse(component: &Gaussian, reach: f64) -> Vec<(f64, f64)> {
+    (0..CORNERS)
+        .map(|corner| std::f64::consts::TAU * corner as f64 / CORNERS as f64)
+        .map(|angle| component.point(&[reach * angle.cos(), reach * angle.sin()]))
+        .map(|place| (place[0], place[1]))
+        .collect()
 }
 
 impl Proposal {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
         let parameters = Parameters::read(self.params.as_deref())?;
-        let mixture = Mixture::from_table(&Table::read(&self.proposal)?)?;
-        let n = mixture.names.len();
+        let mixture = Mixture::read(&self.proposal)?;
+        let names: Vec<String> = mixture.parameters().iter().map(|known| known.name.clone()).collect();
+        let n = names.len();
+        ensure!(n > 0, "{}: no column mean(NAME) in it; is it a proposal?", self.proposal.display());
         let samples = match &self.samples {
-            Some(path) => Samples::read(path)?.columns(&mixture.names)?,
+            Some(path) => Samples::read(path)?.columns(&names)?,
             None => Vec::new(),
         };
-        let spans: Vec<Span> = mixture.bounds.iter().map(|bounds| bounds.padded(0.04)).collect();
-        let labels: Vec<_> = mixture.names.iter().map(|name| parameters.label(name)).collect();
-        let along: Vec<Vec<Vec<f64>>> = (0..n).map(|j| mixture.along(j)).collect();
+        let bounds: Vec<Span> = mixture.parameters().iter().map(Span::of_bounds).collect();
+        let spans: Vec<Span> = bounds.iter().map(|bounds| bounds.padded(0.04)).collect();
+        let labels: Vec<_> = names.iter().map(|name| parameters.label(name)).collect();
+        let along: Vec<Vec<Vec<f64>>> = (0..n).map(|j| along(&mixture, j)).collect::<Result<_>>()?;
+        let weight: Vec<f64> = mixture.components().map(|(weight, _)| weight).collect();
+        let pairs: Vec<Vec<Vec<(f64, Gaussian)>>> =
+            (0..n).map(|j| (0..j).map(|i| mixture.marginal(&[i, j])).collect()).collect::<Result<_>>()?;
         let sums: Vec<Vec<f64>> = along
             .iter()
             .map(|components| (0..=CELLS).map(|i| components.iter().map(|curve| curve[i]).sum()).collect())
@@ -137,15 +93,15 @@ impl Proposal {
         let highest: Vec<f64> =
             sums.iter().map(|sum: &Vec<f64>| sum.iter().copied().fold(0.0, f64::max)).collect();
 
-        let mut figure = Figure::new(format!("Proposal for {}", mixture.names.join(", ")), style.width);
+        let mut figure = Figure::new(format!("Proposal for {}", names.join(", ")), style.width);
         let mut legend = vec![(Key::Line(Paint::line(color::BLUE, 1.4)), "mixture".to_owned())];
-        let shown = mixture.weight.len().min(color::SERIES.len() - 1);
-        for k in 0..shown {
-            let label = format!("component {}: {:.0} %", k + 1, 100.0 * mixture.weight[k]);
+        let shown = weight.len().min(color::SERIES.len() - 1);
+        for (k, weight) in weight.iter().enumerate().take(shown) {
+            let label = format!("component {}: {:.0} %", k + 1, 100.0 * weight);
             legend.push((Key::Line(Paint::line(component_color(k), 1.0)), label));
         }
-        if mixture.weight.len() > shown {
-            let others = format!("{} more", mixture.weight.len() - shown);
+        if weight.len() > shown {
+            let others = format!("{} more", weight.len() - shown);
             legend.push((Key::Line(Paint::line(component_color(shown), 1.0)), others));
         }
         if n > 1 {
@@ -166,7 +122,7 @@ impl Proposal {
             &labels,
             &highest,
             |panel, j| {
-                let at = |i: usize| mixture.bounds[j].value(i as f64 / CELLS as f64);
+                let at = |i: usize| bounds[j].value(i as f64 / CELLS as f64);
                 let curve = |values: &[f64]| -> Vec<(f64, f64)> {
                     values.iter().enumerate().map(|(i, &height)| (at(i), height)).collect()
                 };
@@ -180,12 +136,15 @@ impl Proposal {
             },
             |panel: &mut Panel, i, j| {
                 let points = samples.iter().map(|row| (row[i], row[j]));
-                panel.dots("samples", points, Dot::among(samples.len() * n / 2, color::GREY), most);
-                for k in 0..mixture.weight.len() {
+                panel.dots("samples", points, Dot::among(samples.len() * n, color::GREY), most);
+                let value = |(x, y): (f64, f64)| (bounds[i].value(x), bounds[j].value(y));
+                for (k, (_, component)) in pairs[j][i].iter().enumerate() {
+                    let outline =
+                        |reach: f64| [ellipse(component, reach).into_iter().map(value).collect::<Vec<_>>()];
                     let paint = Paint::line(component_color(k), 1.0);
                     let title = format!("component {}", k + 1);
-                    panel.outlines(&title, &[mixture.ellipse(k, i, j, 1.0)], paint);
-                    panel.outlines(&title, &[mixture.ellipse(k, i, j, 2.0)], paint.dashed(3.0, 2.0));
+                    panel.outlines(&title, &outline(1.0), paint);
+                    panel.outlines(&title, &outline(2.0), paint.dashed(3.0, 2.0));
                 }
             },
         );

@@ -28,7 +28,6 @@ pub mod color {
     pub const BLACK: Color = Color(0x00_0000);
     pub const INK: Color = Color(0x26_2626);
     pub const GREY: Color = Color(0x8c_8c8c);
-    pub const FAINT: Color = Color(0xdd_dddd);
     pub const WHITE: Color = Color(0xff_ffff);
     pub const BLUE: Color = Color(0x00_72b2);
     pub const SKY: Color = Color(0x56_b4e9);
@@ -173,7 +172,7 @@ pub fn turned_text(at: Point, text: impl Into<String>, size: f64) -> Item {
 pub fn star((x, y): Point, radius: f64, paint: Paint) -> Item {
     let corner = |i: u32| {
         let angle = std::f64::consts::PI * (f64::from(i) / 5.0 - 0.5);
-        let reach = if i % 2 == 0 { radius } else { 0.4 * radius };
+        let reach = if i.is_multiple_of(2) { radius } else { 0.4 * radius };
         (x + reach * angle.cos(), y + reach * angle.sin())
     };
     Item::Path { lines: vec![(0..10).map(corner).collect()], closed: true, paint }

@@ -1,0 +1,196 @@
+#!/bin/bash
+# shellcheck source-path=SCRIPTDIR source=harness.sh
+. "$(dirname "$0")/harness.sh"
+
+# Forty rows; the model fails once for 7, always for 9, hangs for 11, and notes every start.
+with_model() {
+    cat >model <<END
+#!/bin/bash
+echo "\$2" >>"$PWD/started"
+case \$2 in
+    7) mkdir "$PWD/failed" 2>/dev/null && exit 3 ;;
+    9) exit 4 ;;
+    11) sleep 60 ;;
+esac
+sleep "\${PAUSE:-0}"
+printf 'u\tf\n0\t%s\n' "\$2" >"\$1_sim.txt"
+END
+    chmod +x model
+    model="$PWD/model {description} {a}"
+    awk 'BEGIN {
+        print "description\tkey\ta"
+        for (i = 0; i < 40; i++) printf "r%02d\t%d\t%d\n", i, i, i
+    }' >samples.txt
+    printf '%s\n' ROWS_PER_TASK=4 MAX_CONCURRENT=2 RUN_TIMEOUT=2 POLL=1 TIME=5 "$@" >cluster.env
+}
+
+with_slurm() {
+    needs slurm sbatch slurmctld slurmd munged
+    [ "$(id -u)" = 0 ] || { echo 'a private SLURM needs root' >reason; exit 77; }
+    export SLURM_TEST_DIR=$PWD/slurm SLURM_TEST_CPUS=4
+    mkdir slurm
+    # munged wants its socket where everybody may look.
+    chmod 755 .
+    trap '"$ROOT/tests/slurm/stop.sh"' EXIT
+    "$ROOT/tests/slurm/start.sh"
+    # shellcheck source=/dev/null
+    . slurm/env.sh
+}
+
+with_pbs() {
+    export FAKE_PBS=$PWD/pbs PATH=$ROOT/tests/scripts/fake-pbs:$PATH
+    mkdir pbs
+}
+
+forty_runs_in_slurm_and_a_second_call_takes_what_is_missing() {
+    with_slurm
+    with_model
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '40 rows: 0 complete before, 37 run, 3 failed: r07 (3) r09 (4) r11 (124 TIMEOUT)'
+    same "$(sort started | uniq -d)" ''
+    same "$(wc -l <started)" 40
+    # Ten tasks, and never more than two at a time.
+    same "$(wc -l <slurm/log/jobcomp.log)" 10
+    rm started
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '40 rows: 37 complete before, 1 run, 2 failed'
+    same "$(sort -n started)" $'7\n9\n11'
+    ends_with 0 run-local samples.txt "$PWD/model {description} 1" local
+    same "$(cat runs/r12_sim.txt)" $'u\tf\n0\t12'
+}
+
+retries_recover_what_failed_once() {
+    with_slurm
+    with_model RETRIES=1
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '38 run, 2 failed: r09 (4) r11 (124 TIMEOUT)'
+    same "$(sort -n started | uniq -d)" $'7\n9\n11'
+}
+
+a_killed_engine_finds_its_array_again() {
+    with_slurm
+    with_model
+    setsid run-slurm samples.txt "$model" runs &
+    local group=$!
+    until [ -e started ]; do sleep 0.1; done
+    kill -9 -- "-$group"
+    ends_with 3 run-slurm --no-wait samples.txt "$model" runs
+    says 'in the queue already'
+    ends_with 2 run-local samples.txt "$model" runs
+    says 'run-slurm has runs in the queue'
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '2 failed'
+    same "$(grep -vxE '7|9|11' started | sort | uniq -d)" ''
+}
+
+no_wait_prints_the_jobs_and_returns() {
+    with_slurm
+    with_model
+    ends_with 3 run-slurm --no-wait samples.txt "$model" runs
+    grep -qE '^gl-[0-9-]+ [0-9]+$' out
+}
+
+arrays_are_cut_to_what_the_site_allows() {
+    export SLURM_TEST_MAX_ARRAY=3
+    with_slurm
+    with_model
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '37 run, 3 failed'
+    same "$(grep -o ' ArrayJobId=[0-9]*' slurm/log/jobcomp.log | sort -u | wc -l)" 4
+}
+
+a_cancelled_task_is_said_so_and_its_other_rows_go_on_next_time() {
+    with_slurm
+    with_model RUN_TIMEOUT=
+    printf 'description a\nr0 0\nr1 11\nr2 2\n' >samples.txt
+    run-slurm samples.txt "$model" runs 2>err &
+    until [ -e started ] && grep -qx 11 started; do sleep 0.1; done
+    scancel --user root
+    local status=0
+    wait $! || status=$?
+    same "$status" 1
+    says 'r1 (137 CANCELLED)'
+    says '1 rows were not tried'
+    rm started
+    RUN_TIMEOUT=1 ends_with 0 run-slurm samples.txt "$PWD/model {description} 2" runs
+    same "$(wc -l <started)" 2
+}
+
+a_controller_that_is_killed_and_comes_back_loses_nothing() {
+    with_slurm
+    with_model RETRIES=2
+    export PAUSE=0.2
+    run-slurm samples.txt "$model" runs 2>err &
+    local engine=$!
+    until [ -e started ]; do sleep 0.1; done
+    # The controller saves what it knows every few seconds; what it forgets, RETRIES asks for again.
+    sleep 3
+    kill -9 "$(cat slurm/run/slurmctld.pid)"
+    sleep 3
+    slurmctld -f "$SLURM_CONF"
+    # It drains a node on which it finds a job that it has forgotten; resuming it is the site's business.
+    while kill -0 $engine 2>/dev/null; do
+        sleep 1
+        [[ $(sinfo -h -o %t) != drain* ]] || scontrol update nodename="$(hostname -s)" state=resume
+        squeue -h -o '%i %r' | awk '/Held/ { print $1 }' | xargs -r -n 1 scontrol release
+    done
+    local status=0
+    wait $engine || status=$?
+    same "$status" 0
+    says '38 run, 2 failed'
+}
+
+wrong_settings_are_refused_with_their_line() {
+    with_model
+    while IFS='|' read -r setting message; do
+        printf 'TIME=5\n%s\n' "$setting" >cluster.env
+        ends_with 2 run-slurm samples.txt "$model" runs
+        says "cluster.env:2: $message"
+    done <<'END'
+PARTITON=x|PARTITON=x: no setting
+ACCOUNT=$(touch hit)|ACCOUNT
+MODULES=a;b|MODULES
+ROWS_PER_TASK=0|ROWS_PER_TASK
+THREADS=two|THREADS
+END
+    absent hit
+}
+
+hostile_tables_are_not_submitted() {
+    with_model
+    with_pbs
+    # shellcheck disable=SC2016
+    for row in '$(touch hit) 1' '../a 1' 'a;b 1' 'a 1;2' "a '1'" 'a b 1'; do
+        printf 'description a\ngood 1\n%s\n' "$row" >samples.txt
+        for engine in run-slurm run-pbs; do
+            ends_with 2 "$engine" samples.txt "$model" runs
+            says 'samples.txt:3'
+        done
+    done
+    absent hit runs pbs/calls
+}
+
+forty_runs_in_pbs_and_a_second_call_takes_what_is_missing() {
+    with_pbs
+    with_model
+    ends_with 0 run-pbs samples.txt "$model" 'the runs'
+    says '40 rows: 0 complete before, 37 run, 3 failed: r07 (3) r09 (4) r11 (124 TIMEOUT)'
+    same "$(wc -l <started)" 40
+    grep -q -- '-l walltime=5 -l select=1:ncpus=1 -J 0-9%2' pbs/calls
+    rm started
+    ends_with 0 run-pbs samples.txt "$model" 'the runs'
+    same "$(sort -n started)" $'7\n9\n11'
+    # What is left is one task, of which PBS makes no array.
+    same "$(tail -n 1 pbs/calls | grep -c -- -J)" 0
+}
+
+torque_gets_a_job_a_task() {
+    with_pbs
+    with_model
+    FAKE_PBS_FLAVOUR=torque ends_with 0 run-pbs samples.txt "$model" runs
+    says '37 run, 3 failed'
+    same "$(wc -l <pbs/calls)" 10
+    same "$(grep -c -- -J pbs/calls)" 0
+}
+
+facts "$@"

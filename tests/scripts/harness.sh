@@ -1,0 +1,59 @@
+# shellcheck shell=bash
+# A test is a function whose name states a fact; it fails when a command in it fails. Sourced first by a
+# file of tests, whose last line is `facts`. Each test starts in an empty folder of its own.
+
+ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+export PATH=$ROOT/scripts:$PATH
+unset CASE JOBS RUN_TIMEOUT GL_SCRATCH
+before=$(declare -F)
+
+# needs WHAT PROGRAM...: skip the test where a program is missing; that fails with GL_REQUIRE=WHAT,….
+needs() {
+    local what=$1 program
+    shift
+    for program; do
+        command -v "$program" >/dev/null && continue
+        [[ ,${GL_REQUIRE:-}, != *,$what,* ]] || { echo "$program is missing, and GL_REQUIRE names $what"; exit 1; }
+        echo "$program is missing" >reason
+        exit 77
+    done
+}
+
+# Tests that a command ends with this code; its output stays in `out` and `err`.
+ends_with() {
+    local expected=$1 status=0
+    shift
+    "$@" >out 2>err || status=$?
+    [ "$status" -eq "$expected" ] || { echo "exit $status, not $expected: $*"; cat err; return 1; }
+}
+
+says() { grep -qF -- "$1" err || { echo "not said: $1"; cat err; return 1; }; }
+same() { [ "$1" = "$2" ] || { printf 'found    %s\nexpected %s\n' "$1" "$2"; return 1; }; }
+absent() {
+    local file
+    for file; do [ ! -e "$file" ] || { echo "$file is there"; return 1; }; done
+}
+
+facts() {
+    local name folder status failed=0
+    for name in $(declare -F | awk '{ print $3 }' | grep -vxFf <(awk '{ print $3 }' <<<"$before")); do
+        case $name in needs | ends_with | says | same | absent | facts | with_* | cleanup) continue ;; esac
+        [[ -z ${1-} || $name == *$1* ]] || continue
+        folder=$(mktemp -d)
+        status=0
+        # Not under `if` or `||`, which would switch off -e within.
+        (cd "$folder" && set -eu && "$name") >"$folder.log" 2>&1 &
+        wait $! || status=$?
+        case $status in
+            0) echo "ok $name" ;;
+            77) echo "skip $name: $(cat "$folder/reason")" ;;
+            *)
+                echo "FAIL $name"
+                sed 's/^/    /' "$folder.log"
+                failed=1
+                ;;
+        esac
+        rm -rf "$folder" "$folder.log"
+    done
+    return "$failed"
+}

@@ -1,0 +1,280 @@
+#!/bin/bash
+# shellcheck source-path=SCRIPTDIR source=harness.sh
+. "$(dirname "$0")/harness.sh"
+
+# A model that notes that it was started, in `started` beside the table, and then does as its value says.
+with_model() {
+    cat >model <<'END'
+#!/bin/bash
+echo "$1" >>"$3/started"
+case $2 in
+    3*) printf 'u\tf\n0\t' >"$1_sim.txt"; exit 3 ;;
+    4*) printf 'u\tf\n0\t' >"$1_sim.txt"; sleep 60 ;;
+    5*) exit 0 ;;
+esac
+sleep "${PAUSE:-0}"
+printf 'u\tf\n0\t%s\n' "$2" >"$1_sim.txt"
+END
+    chmod +x model
+    model="$PWD/model {description} {a} $PWD"
+}
+
+with_table() {
+    printf 'description\tkey\ta\n' >samples.txt
+    local value i=0
+    for value; do
+        printf 'r%d\t%d\t%s\n' "$i" "$i" "$value" >>samples.txt
+        i=$((i + 1))
+    done
+}
+
+a_run_leaves_its_two_files_its_log_and_its_code() {
+    with_model
+    with_table 1.5
+    ends_with 0 run-local samples.txt "$model" runs
+    same "$(cat runs/r0_sim.txt)" $'u\tf\n0\t1.5'
+    same "$(cat runs/r0_param.txt)" $'a\n1.5'
+    same "$(cat runs/r0.status)" 0
+    same "$(ls -A runs)" $'r0.log\nr0.status\nr0_param.txt\nr0_sim.txt'
+}
+
+hostile_descriptions_are_refused_before_anything_runs() {
+    with_model
+    # shellcheck disable=SC2016  # the point is that nobody expands it
+    for name in 'a/b' '../a' 'a..b' '.a' '-a' 'a b' "a'b" 'a"b' '$(touch${IFS}hit)' '`touch hit`' 'a;b' 'a|b' \
+        'a&b' 'a>b' 'a*' 'a\b' 'a{b}' 'é' $'a\nb' '=' ''; do
+        printf 'description\tkey\ta\ngood\t0\t1\n%s\t1\t2\n' "$name" >samples.txt
+        ends_with 2 run-local samples.txt "$model" runs || { echo "for $name"; return 1; }
+        says 'samples.txt:3'
+        absent started runs hit
+    done
+}
+
+cells_that_are_no_numbers_are_refused_before_anything_runs() {
+    with_model
+    # shellcheck disable=SC2016
+    for cell in '' x nan inf '1;2' '$(touch hit)' '`id`' '1 2' '0x10' '__import__("os")' '1e' '--1' '{b}' '='; do
+        printf 'description\tkey\ta\ngood\t0\t1\nbad\t1\t%s\n' "$cell" >samples.txt
+        ends_with 2 run-local samples.txt "$model" runs || { echo "for $cell"; return 1; }
+        says 'samples.txt:3'
+        absent started runs hit
+    done
+}
+
+headers_that_are_wrong_are_refused() {
+    with_model
+    while IFS='|' read -r header message; do
+        printf '%b\n' "$header\n" >samples.txt
+        ends_with 2 run-local samples.txt "$model" runs
+        says "$message"
+        absent runs
+    done <<'END'
+|no header
+a|no column description
+description a a|column a is there more than once
+description !EXEC|cannot be a column name
+description a;b|cannot be a column name
+description dir|column dir
+END
+}
+
+a_name_that_is_there_twice_is_refused() {
+    with_model
+    printf 'description a\nr 1\nr 2\n' >samples.txt
+    ends_with 2 run-local samples.txt "$model" runs
+    says 'samples.txt:3: column description: r is on line 2 already'
+}
+
+tables_are_read_whatever_separates_their_fields() {
+    with_model
+    for table in 'description\ta\nr0\t1.5\n' 'description,a\nr0,1.5\n' '  description   a\n\n r0  1.5 \n' \
+        '\xef\xbb\xbf# description a\r\n# note\r\nr0 1.5\r\n' '#description\ta\nr0\t1.5'; do
+        rm -rf runs
+        printf '%b' "$table" >samples.txt
+        ends_with 0 run-local samples.txt "$model" runs
+        same "$(cat runs/r0_sim.txt)" $'u\tf\n0\t1.5'
+    done
+}
+
+a_table_without_rows_is_done_at_once() {
+    with_model
+    with_table
+    ends_with 0 run-local samples.txt "$model" runs
+    absent started
+}
+
+a_model_that_cannot_run_is_refused() {
+    with_table 1
+    while IFS='|' read -r model message; do
+        ends_with 2 run-local samples.txt "$model" runs
+        says "$message"
+        absent runs
+    done <<'END'
+ |MODEL is empty
+true {b}|{b} is no column
+no-such-program {a}|no program no-such-program
+true 'a|a quote is not closed
+absent.py|no such script
+END
+    ends_with 2 run-local absent.txt true runs
+    says 'no such samples table'
+    ends_with 2 run-local samples.txt
+}
+
+words_of_the_command_reach_it_unchanged() {
+    with_table 1
+    mkdir 'a {a} b'
+    # shellcheck disable=SC2016
+    printf '#!/bin/bash\nprintf "%%s|" "$@" >"$1_sim.txt"; echo >>"$1_sim.txt"; echo 1 >>"$1_sim.txt"\n' >'a {a} b/model'
+    chmod +x 'a {a} b/model'
+    # shellcheck disable=SC2016
+    CASE='a {a} b' ends_with 0 run-local samples.txt '"{case}/model" {description} "x  y" $HOME * ;{a} "`id`"' 'a {a} b/runs'
+    # shellcheck disable=SC2016
+    same "$(head -n 1 'a {a} b/runs/r0_sim.txt')" 'r0|x  y|$HOME|*|;1|`id`|'
+}
+
+complete_runs_are_not_run_again() {
+    with_model
+    with_table 1 2 3
+    ends_with 0 run-local samples.txt "$model" runs
+    ends_with 0 run-local samples.txt "$model" runs
+    same "$(sort started | uniq -c | tr -s ' ')" $' 1 r0\n 1 r1\n 2 r2'
+    says '2 complete before, 0 run, 1 failed: r2 (3)'
+}
+
+incomplete_runs_are_run_again() {
+    with_model
+    with_table 1 2 6 7 8
+    ends_with 0 run-local samples.txt "$model" runs
+    printf 'u\tf\n0\t1' >runs/r0_sim.txt
+    printf 'u\tf\n' >runs/r1_sim.txt
+    rm runs/r2_param.txt
+    printf 'a\n7.01\n' >runs/r3_param.txt
+    rm started
+    ends_with 0 run-local samples.txt "$model" runs
+    same "$(sort started)" $'r0\nr1\nr2\nr3'
+    same "$(cat runs/r3_param.txt)" $'a\n7'
+}
+
+rounding_and_spelling_of_parameters_do_not_matter() {
+    with_model
+    with_table 0.3333333333
+    ends_with 0 run-local samples.txt "$model" runs
+    printf '# key, a\r\n9, 3.33333e-1\r\n' >runs/r0_param.txt
+    rm started
+    ends_with 0 run-local samples.txt "$model" runs
+    absent started
+}
+
+a_failed_run_leaves_nothing_but_its_log_and_code() {
+    with_model
+    with_table 1 3 5
+    ends_with 0 run-local samples.txt "$model" runs
+    same "$(cat runs/r1.status)" 3
+    same "$(cat runs/r2.status)" '0 NO_RESULT'
+    absent runs/r1_sim.txt runs/r1_param.txt runs/.run
+    says '3 rows: 0 complete before, 1 run, 2 failed'
+}
+
+a_run_past_its_time_limit_is_ended() {
+    with_model
+    with_table 4 1
+    RUN_TIMEOUT=1 ends_with 0 run-local samples.txt "$model" runs
+    same "$(cat runs/r0.status)" '124 TIMEOUT'
+    same "$(cat runs/r1.status)" 0
+    absent runs/r0_sim.txt
+}
+
+# Starts the engine as a process group of its own, and kills that group when so many runs have started.
+with_killed_engine() {
+    PAUSE=0.3 JOBS=2 setsid run-local samples.txt "$model" runs &
+    local group=$!
+    until [ -e started ] && [ "$(wc -l <started)" -ge "$1" ]; do sleep 0.01; done
+    kill -9 -- "-$group" 2>/dev/null || true
+    wait $! 2>/dev/null || true
+}
+
+after_a_kill_the_same_call_goes_on() {
+    with_model
+    with_table 1 2 6 7 8 9 11 12
+    PAUSE=0.3 ends_with 0 run-local samples.txt "$model" undisturbed
+    rm started
+    with_killed_engine 4
+    for file in runs/*_sim.txt; do cmp "$file" "undisturbed/${file#runs/}"; done
+    local finished
+    finished=$(ls runs/*_sim.txt)
+    rm started
+    ends_with 0 run-local samples.txt "$model" runs
+    for file in $finished; do
+        file=${file#runs/}
+        if grep -x "${file%_sim.txt}" started; then echo 'run again'; return 1; fi
+    done
+    rm -f runs/*.log undisturbed/*.log
+    diff -r runs undisturbed
+}
+
+a_killed_engine_takes_its_models_with_it() {
+    command -v setpriv >/dev/null || { echo 'setpriv is missing' >reason; exit 77; }
+    with_model
+    with_table 4.25 4.75
+    with_killed_engine 2
+    sleep 0.3
+    ! pgrep -f "$PWD/model"
+}
+
+two_engines_on_one_folder_take_turns() {
+    with_model
+    with_table 1 2 6
+    export PAUSE=0.3
+    run-local samples.txt "$model" runs 2>/dev/null &
+    sleep 0.2
+    ends_with 0 run-local samples.txt "$model" runs
+    wait
+    says 'waiting for the runs'
+    same "$(wc -l <started)" 3
+}
+
+xargs_does_what_parallel_does() {
+    with_model
+    with_table 1 2 3
+    mkdir bin
+    local tool
+    for tool in awk bash cat cut dirname flock grep head ln ls mkdir mktemp mv nproc printf readlink rm rmdir sed \
+        seq setpriv sleep sort sync tee timeout touch tr wc xargs env true; do
+        ln -s "$(type -P "$tool")" "bin/$tool"
+    done
+    PATH=$ROOT/scripts:$PWD/bin ends_with 0 run-local samples.txt "$model" runs
+    says '2 run, 1 failed'
+}
+
+a_log_does_not_fill_the_disk() {
+    with_table 1
+    ends_with 0 run-local samples.txt "sh -c 'seq 1000000'" runs
+    same "$(wc -c <runs/r0.log)" 1000000
+}
+
+after_a_full_disk_the_same_call_goes_on() {
+    with_model
+    with_table 1
+    mkdir small
+    if ! mount -t tmpfs -o size=64k tmpfs small 2>err; then echo 'a small disk cannot be mounted' >reason; exit 77; fi
+    trap 'umount "$PWD/small"' EXIT
+    head -c 100000 /dev/zero >small/filler 2>err || true
+    if run-local samples.txt "$model" small/runs 2>err; then echo 'no error'; return 1; fi
+    absent small/runs/r0_sim.txt
+    rm small/filler
+    ends_with 0 run-local samples.txt "$model" small/runs
+    same "$(cat small/runs/r0_sim.txt)" $'u\tf\n0\t1'
+}
+
+the_measurements_are_what_their_scripts_make() {
+    cp -r "$ROOT/examples" .
+    local name
+    for name in linear hyperbola; do
+        rm "examples/$name/obs.txt"
+        "examples/$name/make-obs"
+        cmp "examples/$name/obs.txt" "$ROOT/examples/$name/obs.txt"
+    done
+}
+
+facts "$@"

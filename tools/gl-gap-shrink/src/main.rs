@@ -1,0 +1,111 @@
+//! Say how far the gap closes from one calibrated simulation to another.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result};
+use clap::Parser;
+use gl::ensemble::Ensemble;
+use gl::gap::shrink::{Calibrated, Shrink, shrink, verdict};
+use gl::observations::{ByName, Observations, Steps};
+use gl::table::TableWriter;
+use gl::weights::Weights;
+
+/// Say how far the gap closes from one calibrated simulation to another.
+///
+/// The gap is the root mean square of measurement minus posterior mean over the range of the
+/// measurement; `floor` is what noise and scatter alone would give. One row an observable and a last
+/// one for all, each with a 90 % interval.
+#[derive(Parser)]
+#[command(name = "gl-gap-shrink", version, after_help = EXAMPLE)]
+struct Args {
+    /// Table of the measurement
+    #[arg(short = 'b', long, value_name = "FILE")]
+    observations: PathBuf,
+    /// Control column
+    #[arg(short, long, value_name = "NAME")]
+    control: String,
+    /// Observables, comma-separated
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
+    observables: Vec<String>,
+    /// Runs without the effect, and their weights
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    before: Tables,
+    /// Runs with the effect, and their weights
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    after: Tables,
+    /// Steps that calibration did not see, from A up to but not including B; without it all, which it did
+    #[arg(long, value_name = "A:B")]
+    steps: Option<Steps>,
+    /// Standard deviation of the noise, as f=0.02; by default the measurement's `_sd` columns, or estimated
+    #[arg(long, value_name = "NAME=SD,…")]
+    noise: Option<ByName>,
+    /// Seed of the interval's replicates; the same seed gives the same interval on every machine
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where the table goes; stdout when absent
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+const EXAMPLE: &str = "\
+Example (the measurement is a wave; the run before is flat, the one after has half of it):
+  awk 'BEGIN { print \"e q\"; for (i = 0; i < 40; i++) print i, sin(i / 4) }' > obs.txt
+  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > before.tsv
+  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, sin(i / 4) / 2 }' > after.tsv
+  printf 'sample weight\\na 1\\n' > weights.tsv
+  gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
+
+/// The two tables of a calibration.
+#[derive(Clone, Debug)]
+struct Tables {
+    ensemble: PathBuf,
+    weights: PathBuf,
+}
+
+impl FromStr for Tables {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (ensemble, weights) =
+            text.split_once(',').with_context(|| format!("{text:?} is not ENSEMBLE,WEIGHTS"))?;
+        Ok(Self { ensemble: ensemble.into(), weights: weights.into() })
+    }
+}
+
+impl Tables {
+    fn read(&self, control: &str, observables: &[String]) -> Result<Calibrated> {
+        let ensemble = Ensemble::read(&self.ensemble, control, observables)?;
+        Ok(Calibrated { ensemble, weights: Weights::read(&self.weights)? })
+    }
+}
+
+fn run(args: &Args) -> Result<()> {
+    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
+    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
+    let steps = args.steps.map(|steps| steps.within(observations.steps())).transpose()?;
+    let before = args.before.read(&args.control, &args.observables)?;
+    let after = args.after.read(&args.control, &args.observables)?;
+    let shrinks = shrink(&observations, &before, &after, steps, noise.as_deref(), args.seed)?;
+    write(args.output.as_deref(), &shrinks, &args.observables)?;
+    if let Some(all) = shrinks.last() {
+        gl::cli::note("gl-gap-shrink", verdict(all));
+    }
+    Ok(())
+}
+
+fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Result<()> {
+    let columns = ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"];
+    let mut table = TableWriter::create(path, &columns)?;
+    let names = observables.iter().map(String::as_str).chain(["all"]);
+    for (name, row) in names.zip(shrinks) {
+        table.text(name).numbers(&[row.before, row.after, row.floor, row.shrink, row.low, row.high]);
+        table.end_row()?;
+    }
+    table.finish()
+}
+
+fn main() -> ExitCode {
+    gl::cli::finish("gl-gap-shrink", run(&gl::cli::parse()))
+}
