@@ -36,6 +36,19 @@ build:
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
 
+## make submit CASE=…              the same in the queue of SLURM, with nothing that must stay connected;
+##                                  make status and make cancel OUT=… say how it gets on and end it
+submit: build
+	@scripts/submit $(CASE) $(OUT)
+status:
+	@scripts/status $(OUT)
+cancel:
+	@scripts/cancel $(OUT)
+
+## make report CASE=…               a calibration or diagnosis as one HTML file with its pictures
+report: build
+	@scripts/report-html $(CASE) $(ENGINE) $(OUT)
+
 ## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
 diagnose: OUT := out/$(notdir $(CASE))-diagnosis
 diagnose: build
@@ -77,4 +90,4 @@ install: man
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate diagnose withheld bench man install clean
+.PHONY: help demo test build calibrate submit status cancel report diagnose withheld bench man install clean

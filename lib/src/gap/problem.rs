@@ -139,9 +139,38 @@ impl<'a> Problem<'a> {
         self.path.control().len()
     }
 
-    /// Lower factor of the correlation of the components' errors, shape (components, components).
-    pub fn correlation(&self) -> &DMatrix<f64> {
-        &self.correlation
+    /// A factor of the covariance of the emulator's error at the variances of its components, with
+    /// what the components leave out, shape (readings, components + readings).
+    pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
+        let variance: Vec<f64> =
+            component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
+        let rest: Vec<f64> = self.predictor.left_over().iter().map(|rest| rest.sqrt()).collect();
+        self.factor(&variance, &rest)
+    }
+
+    /// A factor of the covariance of noise and scatter, in the same shape; `noise` as shares of the
+    /// ranges where it is estimated.
+    pub fn measurement_errors(&self, noise: &[f64]) -> DMatrix<f64> {
+        let steps = self.steps();
+        let estimated = |i: usize| noise[i / steps] * self.ranges[i / steps];
+        let sd: Vec<f64> = (0..self.observed.len())
+            .map(|i| self.noise.as_ref().map_or_else(|| estimated(i), |sd| sd[i]))
+            .collect();
+        let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
+        self.factor(&variance, &sd)
+    }
+
+    /// Correlated components of these variances, and independent readings of these deviations.
+    fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
+        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
+        factor
+            .columns_mut(0, variance.len())
+            .copy_from(&(self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation));
+        for (i, sd) in sd.iter().enumerate() {
+            factor[(i, variance.len() + i)] = *sd;
+        }
+        factor
     }
 
     /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of
