@@ -23,8 +23,8 @@ pub(super) struct Blocks {
 }
 
 struct Block {
-    /// Place of the first sample among all.
-    first: usize,
+    /// Places of its samples among all.
+    samples: std::ops::Range<usize>,
     /// Coordinates, shape (dimensions,) of lanes; zero beyond the last sample.
     coordinates: Vec<Lanes>,
     /// Weight of each sample times the number of samples; zero beyond the last sample.
@@ -95,8 +95,9 @@ impl Blocks {
     pub fn new(samples: &[Vec<f64>], counts: &[f64]) -> Self {
         let dimensions = samples.first().map_or(0, Vec::len);
         let block = |(place, (samples, counts)): (usize, (&[Vec<f64>], &[f64]))| {
+            let first = place * LANES;
             let mut block = Block {
-                first: place * LANES,
+                samples: first..first + samples.len(),
                 coordinates: vec![[0.0; LANES]; dimensions],
                 counts: [0.0; LANES],
             };
@@ -111,18 +112,10 @@ impl Blocks {
     }
 
     /// Sums with the shares of the components given by `share(sample, component)`.
-    pub fn sums_of_shares(
-        &self,
-        references: &[&[f64]],
-        share: impl Fn(usize, usize) -> f64 + Sync,
-    ) -> Sums {
+    pub fn sums_of_shares(&self, references: &[&[f64]], share: impl Fn(usize, usize) -> f64 + Sync) -> Sums {
         self.sums(references, |block, shares| {
-            let used = block.counts.iter().filter(|count| **count > 0.0).count();
             for (k, lanes) in shares.iter_mut().enumerate() {
-                for (lane, x) in lanes.iter_mut().enumerate() {
-                    // A sample without weight at the end of the last block may be beyond the last one.
-                    *x = if lane < used || block.counts[lane] > 0.0 { share(block.first + lane, k) } else { 0.0 };
-                }
+                lanes.iter_mut().zip(block.samples.clone()).for_each(|(lane, i)| *lane = share(i, k));
             }
             0.0
         })
@@ -184,7 +177,7 @@ impl Block {
             }
         }
         let mut total = [0.0; LANES];
-        // Σ eᵏ lnᵏ, from which the entropy of the shares follows without their logarithms.
+        // Σ e ln e, from which the entropy of the shares follows without their logarithms.
         let mut product = [0.0; LANES];
         for lanes in shares.iter_mut() {
             for lane in 0..LANES {
