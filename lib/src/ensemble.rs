@@ -91,11 +91,11 @@ impl Ensemble {
         let mut last_line = 1;
         let mut plain: Option<PlainRows> = None;
         loop {
-            if let (Some(plain), Some(sample)) = (&plain, ensemble.samples.last()) {
-                if rows.plain(|row| plain.read(row, sample, &mut values, &mut sd)).is_some() {
-                    (steps, last_line) = (steps + 1, last_line + 1);
-                    continue;
-                }
+            if let (Some(plain), Some(sample)) = (&plain, ensemble.samples.last())
+                && rows.plain(|row| plain.read(row, sample, &mut values, &mut sd)).is_some()
+            {
+                (steps, last_line) = (steps + 1, last_line + 1);
+                continue;
             }
             let Some((line, fields)) = rows.next_row()? else { break };
             let sample = fields[columns.sample];

@@ -203,9 +203,7 @@ impl Block {
 
     fn add_moments(&self, reference: &[f64], shares: &Lanes, away: &mut [Lanes], moments: &mut Moments) {
         let mut counts = *shares;
-        for lane in 0..LANES {
-            counts[lane] *= self.counts[lane];
-        }
+        counts.iter_mut().zip(&self.counts).for_each(|(share, count)| *share *= count);
         moments.size += sum(&counts);
         for (i, reference) in reference.iter().enumerate() {
             let mut counted = [0.0; LANES];
@@ -214,8 +212,8 @@ impl Block {
                 counted[lane] = counts[lane] * away[i][lane];
             }
             moments.first[i] += sum(&counted);
-            for j in 0..=i {
-                moments.second[triangle(i, j)] += dot(&counted, &away[j]);
+            for (second, away) in moments.second[triangle(i, 0)..].iter_mut().zip(&away[..=i]) {
+                *second += dot(&counted, away);
             }
         }
     }
