@@ -202,7 +202,15 @@ impl Collection<'_> {
             ));
         }
         let mut values = vec![Vec::new(); columns.len()];
+        let mut row = Vec::new();
         loop {
+            if rows.next_numbers(&mut row).is_some() {
+                for (values, &column) in values.iter_mut().zip(&columns) {
+                    values.push(row[column]);
+                }
+                row.clear();
+                continue;
+            }
             match rows.next_row() {
                 Ok(None) => break,
                 Ok(Some((line, fields))) => {

@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
+use rayon::prelude::*;
 
 use crate::observations::Observations;
-use crate::table::{Format, TableWriter, read_bytes};
+use crate::table::{Cursor, Format, Rows, TableWriter, push_number, read_bytes};
 
 /// Simulated observables of every run, at the steps of the measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,7 +62,7 @@ impl Ensemble {
     pub fn read_by_header(path: &Path, control: Option<&str>, observables: &[String]) -> Result<Self> {
         let source = crate::table::source_name(path);
         let bytes = read_bytes(path)?;
-        let rows = crate::table::Rows::new(&source, &bytes)?;
+        let rows = Rows::new(&source, &bytes)?;
         let (header_control, header_observables) = header_columns(rows.format())?;
         let observables = if observables.is_empty() { &header_observables } else { observables };
         Self::parse(&source, &bytes, control.unwrap_or(&header_control), observables)
@@ -72,7 +73,7 @@ impl Ensemble {
     /// # Errors
     /// See [`Ensemble::read`].
     pub fn parse(source: &str, bytes: &[u8], control: &str, observables: &[String]) -> Result<Self> {
-        let mut rows = crate::table::Rows::new(source, bytes)?;
+        let mut rows = Rows::new(source, bytes)?;
         let format = rows.format().clone();
         let columns = Columns::find(&format, control, observables)?;
         let mut ensemble = Self {
@@ -88,12 +89,23 @@ impl Ensemble {
         // Values of the sample being read, step by step, until it is complete.
         let (mut steps, mut values, mut sd) = (0, Vec::new(), Vec::new());
         let mut last_line = 1;
-        while let Some((line, fields)) = rows.next_row()? {
+        let mut plain: Option<PlainRows> = None;
+        loop {
+            if let (Some(plain), Some(sample)) = (&plain, ensemble.samples.last())
+                && rows.plain(|row| plain.read(row, sample, &mut values, &mut sd)).is_some()
+            {
+                (steps, last_line) = (steps + 1, last_line + 1);
+                continue;
+            }
+            let Some((line, fields)) = rows.next_row()? else { break };
             let sample = fields[columns.sample];
             if ensemble.samples.last().is_none_or(|last| last != sample) {
                 ensemble.close_run(last_line, steps, &mut values, &mut sd)?;
                 if seen.insert(sample.to_owned(), ()).is_some() {
                     bail!("{source}:{line}: sample {sample} again; the rows of a sample stand together");
+                }
+                if ensemble.samples.len() == 1 {
+                    plain = PlainRows::new(&ensemble.control, &columns, &format);
                 }
                 ensemble.samples.push(sample.to_owned());
                 steps = 0;
@@ -246,23 +258,42 @@ impl Ensemble {
             columns.extend(self.observables.iter().map(|name| format!("{name}_sd")));
         }
         let mut table = TableWriter::create(path, &columns)?;
-        for (run, sample) in self.samples.iter().enumerate() {
-            for (step, &control) in self.control.iter().enumerate() {
-                table.text(sample).number(step as f64).number(control);
-                for j in 0..self.observables.len() {
-                    table.number(self.curve(run, j)[step]);
-                }
-                for j in 0..self.observables.len() {
-                    if let Some(sd) = self.curve_sd(run, j) {
-                        table.number(sd[step]);
-                    }
-                }
-                table.end_row()?;
+        let steps = step_texts(&self.control);
+        let runs: Vec<usize> = (0..self.len()).collect();
+        for several in runs.chunks(RUNS_A_PIECE * 4 * rayon::current_num_threads()) {
+            let pieces: Vec<Vec<u8>> =
+                several.par_chunks(RUNS_A_PIECE).map(|runs| self.rows(runs, &steps)).collect();
+            for piece in pieces {
+                table.rows(&piece)?;
             }
         }
         table.finish()
     }
+
+    /// Rows of some runs, as text.
+    fn rows(&self, runs: &[usize], steps: &[Vec<u8>]) -> Vec<u8> {
+        let mut text = Vec::new();
+        for &run in runs {
+            let curves = (0..self.observables.len()).map(|j| self.curve(run, j));
+            let sd = (0..self.observables.len()).filter_map(|j| self.curve_sd(run, j));
+            let columns: Vec<&[f64]> = curves.chain(sd).collect();
+            for (step, before) in steps.iter().enumerate() {
+                text.extend_from_slice(self.samples[run].as_bytes());
+                text.extend_from_slice(before);
+                for column in &columns {
+                    push_number(&mut text, column[step]);
+                    text.push(b'\t');
+                }
+                text.pop();
+                text.push(b'\n');
+            }
+        }
+        text
+    }
 }
+
+/// Runs whose rows are made at a time.
+const RUNS_A_PIECE: usize = 16;
 
 /// The control and the observables that the header `sample step <control> <observables…>` names.
 fn header_columns(format: &Format) -> Result<(String, Vec<String>)> {
@@ -305,4 +336,75 @@ impl Columns {
             sd,
         })
     }
+}
+
+/// Rows that are written as [`Ensemble::write`] writes them: the columns of an ensemble and no others,
+/// at known control values.
+#[derive(Debug)]
+pub(crate) struct PlainRows {
+    /// What stands between the sample and its observables, for each step.
+    steps: Vec<Vec<u8>>,
+    observables: usize,
+    has_sd: bool,
+}
+
+impl PlainRows {
+    /// Rows at these control values, if the table has the columns in the order in which they are
+    /// written.
+    pub(crate) fn new(control: &[f64], columns: &Columns, format: &Format) -> Option<Self> {
+        let order = [columns.sample, columns.step, columns.control]
+            .into_iter()
+            .chain(columns.observables.iter().copied())
+            .chain(columns.sd.iter().flatten().copied());
+        (format.is_tabbed() && order.eq(0..format.columns().len())).then(|| Self {
+            steps: step_texts(control),
+            observables: columns.observables.len(),
+            has_sd: columns.sd.is_some(),
+        })
+    }
+
+    /// Add the row that comes next to the values of a run, if it is its next step.
+    #[inline]
+    pub(crate) fn read(
+        &self,
+        row: &mut Cursor<'_>,
+        sample: &str,
+        values: &mut Vec<f64>,
+        sd: &mut Vec<f64>,
+    ) -> Option<()> {
+        let (before, sd_before) = (values.len(), sd.len());
+        row.skip(sample.as_bytes())?;
+        row.skip(self.steps.get(before / self.observables)?)?;
+        let read = self.read_values(row, values, sd);
+        if read.is_none() {
+            values.truncate(before);
+            sd.truncate(sd_before);
+        }
+        read
+    }
+
+    fn read_values(&self, row: &mut Cursor<'_>, values: &mut Vec<f64>, sd: &mut Vec<f64>) -> Option<()> {
+        for _ in 1..self.observables {
+            values.push(row.number(b'\t')?);
+        }
+        values.push(row.number(if self.has_sd { b'\t' } else { b'\n' })?);
+        if self.has_sd {
+            for j in 1..=self.observables {
+                let end = if j == self.observables { b'\n' } else { b'\t' };
+                sd.push(row.number(end).filter(|sd| *sd >= 0.0)?);
+            }
+        }
+        Some(())
+    }
+}
+
+/// Step and control between tabs, for each step.
+fn step_texts(control: &[f64]) -> Vec<Vec<u8>> {
+    let text = |(step, &control): (usize, &f64)| {
+        let mut text = format!("\t{step}\t").into_bytes();
+        push_number(&mut text, control);
+        text.push(b'\t');
+        text
+    };
+    control.iter().enumerate().map(text).collect()
 }

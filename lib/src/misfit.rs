@@ -1,14 +1,12 @@
 //! How far each run is from the measurement, step by step.
 
-use std::io::{Read, Write};
 use std::str::FromStr;
 
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Error, Result, bail, ensure};
 
-use crate::ensemble::{CONTROL_TOLERANCE, Columns};
 use crate::observations::{ByName, Observations, Steps, range};
-use crate::table::{Flaw, Format, RunTable, parse_number, piece_rows, push_number};
 
+mod stream;
 mod table;
 
 pub use table::Misfits;
@@ -97,10 +95,10 @@ pub struct RunMisfit {
     pub misfit: Vec<f64>,
     /// Mean over the observables of |r| / range, shape (steps,).
     pub error: Vec<f64>,
-    /// What noise alone would make of the misfit at each step, shape (steps,).
-    pub expected: Vec<f64>,
     /// Independent readings among the residuals, over all steps and observables.
     pub readings: f64,
+    /// The misfit that noise alone would make, over all steps and observables.
+    pub expected: f64,
 }
 
 impl<'a> Comparison<'a> {
@@ -130,130 +128,27 @@ impl<'a> Comparison<'a> {
         let m = self.observations.names.len();
         let n = self.steps.len();
         let mut result =
-            RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], expected: vec![0.0; n], readings: 0.0 };
+            RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0, expected: (n * m) as f64 };
         let mut residuals = vec![0.0; n];
         for j in 0..m {
+            let (observed, variances) = (&self.observations.values[j], &self.covariance.variance[j]);
             for (i, t) in self.steps.clone().enumerate() {
-                let residual = self.observations.values[j][t] - curves[t * m + j];
-                let variance = self.covariance.variance[j][t];
-                let own = sd.map_or(0.0, |sd| sd[t * m + j] * sd[t * m + j]);
-                let squared = residual * residual / (variance + own);
-                let ln_widening = (own / variance).ln_1p();
-                result.misfit[i] += squared + ln_widening;
-                result.expected[i] += 1.0 + ln_widening;
+                let residual = observed[t] - curves[t * m + j];
+                let variance = variances[t];
+                result.misfit[i] += match sd.map(|sd| sd[t * m + j] * sd[t * m + j]) {
+                    Some(own) => {
+                        let ln_widening = (own / variance).ln_1p();
+                        result.expected += ln_widening;
+                        residual * residual / (variance + own) + ln_widening
+                    }
+                    None => residual * residual / variance,
+                };
                 result.error[i] += residual.abs() / (self.ranges[j] * m as f64);
                 residuals[i] = residual / variance.sqrt();
             }
             result.readings += independent_readings(&residuals);
         }
         result
-    }
-
-    /// Read an ensemble table and write the misfit table, `sample step misfit error readings expected`,
-    /// a few megabytes at a time: memory does not grow with the number of runs.
-    ///
-    /// `readings` is the number of independent readings that a row stands for, so that their sum over
-    /// a run says how many there are to estimate the noise from; 0 where the noise is known. Then
-    /// `expected` is the misfit that this noise alone would make, and 0 where it is not known.
-    ///
-    /// # Errors
-    /// If the table cannot be read or written, or a run does not have the steps of the measurement.
-    pub fn stream(&self, source: &str, input: &mut dyn Read, output: &mut dyn Write) -> Result<()> {
-        let table = RunTable::new(source, input, "sample")?;
-        let columns =
-            Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
-        output
-            .write_all(b"sample\tstep\tmisfit\terror\treadings\texpected\n")
-            .context("the misfits cannot be written")?;
-        table.for_each(
-            |piece, format| self.piece(piece, format, &columns),
-            |rows| output.write_all(&rows).context("the misfits cannot be written"),
-        )
-    }
-
-    /// The misfit rows of a piece of an ensemble table that holds whole runs.
-    fn piece(&self, piece: &str, format: &Format, columns: &Columns) -> Result<Vec<u8>, Flaw> {
-        let m = columns.observables.len();
-        let total = self.observations.steps();
-        let control_tolerance = CONTROL_TOLERANCE * range(&self.observations.control);
-        let mut output = Vec::with_capacity(piece.len());
-        let mut fields = Vec::new();
-        let (mut sample, mut last) = ("", 0);
-        let (mut values, mut sds) = (Vec::with_capacity(m * total), Vec::new());
-        let mut close = |sample: &str, values: &mut Vec<f64>, sds: &mut Vec<f64>, line: usize| {
-            if values.len() != m * total {
-                let steps = values.len() / m;
-                let problem =
-                    format!("sample {sample} ends after {steps} steps of {total}; is the table cut off?");
-                return Err(Flaw { line, problem });
-            }
-            let misfit = self.run(values, columns.sd.as_ref().map(|_| sds.as_slice()));
-            self.write_rows(sample, &misfit, &mut output);
-            values.clear();
-            sds.clear();
-            Ok(())
-        };
-        for (line, row) in piece_rows(piece) {
-            let flaw = |problem: String| Flaw { line, problem };
-            format.split_fields(row, &mut fields).map_err(flaw)?;
-            let name = fields[columns.sample];
-            if name != sample {
-                if last > 0 {
-                    close(sample, &mut values, &mut sds, last)?;
-                }
-                sample = name;
-            }
-            let step = values.len() / m;
-            let value = |column: usize| {
-                parse_number(fields[column])
-                    .map_err(|problem| flaw(format!("column {}: {problem}", format.columns()[column])))
-            };
-            if fields[columns.step].parse() != Ok(step) {
-                let found = fields[columns.step];
-                return Err(flaw(format!("column step: {found} where step {step} of {name} should follow")));
-            }
-            if step >= total {
-                return Err(flaw(format!("step {step}, but {} has {total} rows", self.observations.source)));
-            }
-            let (at, expected) = (value(columns.control)?, self.observations.control[step]);
-            if (at - expected).abs() > control_tolerance {
-                return Err(flaw(format!(
-                    "column {}: {at}, but step {step} of {} is at {expected}; collect the runs with this measurement",
-                    self.observations.control_name, self.observations.source
-                )));
-            }
-            for &column in &columns.observables {
-                values.push(value(column)?);
-            }
-            for &column in columns.sd.iter().flatten() {
-                sds.push(value(column)?);
-            }
-            last = line;
-        }
-        if last > 0 {
-            close(sample, &mut values, &mut sds, last)?;
-        }
-        Ok(output)
-    }
-
-    fn write_rows(&self, sample: &str, run: &RunMisfit, output: &mut Vec<u8>) {
-        let share = if self.covariance.is_noise { 0.0 } else { run.readings / run.misfit.len() as f64 };
-        let mut readings = Vec::new();
-        push_number(&mut readings, share);
-        for (i, step) in self.steps.clone().enumerate() {
-            output.extend_from_slice(sample.as_bytes());
-            output.push(b'\t');
-            push_number(output, step as f64);
-            output.push(b'\t');
-            push_number(output, run.misfit[i]);
-            output.push(b'\t');
-            push_number(output, run.error[i]);
-            output.push(b'\t');
-            output.extend_from_slice(&readings);
-            output.push(b'\t');
-            push_number(output, if self.covariance.is_noise { run.expected[i] } else { 0.0 });
-            output.push(b'\n');
-        }
     }
 }
 

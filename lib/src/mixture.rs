@@ -4,14 +4,22 @@
 //! Jordan (2006), Bayesian Analysis 1:121. Each responsibility is multiplied by the weight of its
 //! sample times the number of samples, so that equal weights are the unweighted fit.
 
-use anyhow::{Result, ensure};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rand::{Rng, SeedableRng};
+use anyhow::{Context, Result, ensure};
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use statrs::function::beta::ln_beta;
 use statrs::function::gamma::{digamma, ln_gamma};
 
-use crate::statistics::ln_sum_exp;
+mod blocks;
+mod gaussian;
+mod start;
+
+use blocks::{Blocks, Moments, Sums};
+pub use gaussian::Gaussian;
+use gaussian::{factor, ln_determinant};
+use start::nearest_centres;
 
 /// Shape of the components' covariances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +100,8 @@ pub struct Mixture {
     pub converged: bool,
 }
 
-/// Fit a mixture from random beginnings and keep the one with the highest lower bound.
+/// Fit a mixture, going on from that of several random beginnings which has the highest lower bound
+/// after a few iterations (Biernacki, Celeux & Govaert 2003, Comput. Stat. Data Anal. 41:561).
 ///
 /// * `samples` — shape (n, dimensions).
 /// * `weights` — weights of the samples, shape (n,), which sum to one.
@@ -106,16 +115,18 @@ pub fn fit(
     starts: usize,
     seed: u64,
 ) -> Result<Mixture> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut best: Option<Mixture> = None;
-    for _ in 0..starts.max(1) {
-        let responsibilities = nearest_centres(samples, weights, options.components, &mut rng);
-        let mixture = fit_from(samples, weights, &responsibilities, options)?;
-        if best.as_ref().is_none_or(|best| mixture.lower_bound > best.lower_bound) {
-            best = Some(mixture);
-        }
-    }
-    best.ok_or_else(|| anyhow::anyhow!("no samples to fit a mixture to"))
+    let fit = Fit::new(samples, weights, options)?;
+    let begin = |start: usize| {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(start as u64);
+        let nearest = nearest_centres(samples, weights, options.components, &mut rng);
+        let mixture = fit.begin(|i, k| f64::from(u8::from(nearest[i] == k)))?;
+        fit.climb(mixture, SHORT_RUN)
+    };
+    let begun: Vec<Mixture> = (0..starts.max(1)).into_par_iter().map(begin).collect::<Result<_>>()?;
+    let best =
+        begun.into_iter().reduce(|best, next| if next.lower_bound > best.lower_bound { next } else { best });
+    fit.climb(best.context("no start")?, options.max_iterations)
 }
 
 /// Fit a mixture from given responsibilities, shape (n, components), whose rows sum to one.
@@ -129,74 +140,12 @@ pub fn fit_from(
     options: &Options,
 ) -> Result<Mixture> {
     let fit = Fit::new(samples, weights, options)?;
-    let mut mixture = fit.maximise(responsibilities)?;
-    let mut bound = f64::NEG_INFINITY;
-    for iteration in 1..=options.max_iterations {
-        let (responsibilities, entropy) = fit.expect(&mixture)?;
-        mixture = fit.maximise(&responsibilities)?;
-        mixture.lower_bound = fit.lower_bound(&mixture, entropy)?;
-        mixture.iterations = iteration;
-        if (mixture.lower_bound - bound).abs() < options.tolerance {
-            mixture.converged = true;
-            break;
-        }
-        bound = mixture.lower_bound;
-    }
-    Ok(mixture)
-}
-
-/// Responsibilities of weighted k-means++ centres, each sample wholly its nearest centre's.
-///
-/// # Source
-/// Arthur & Vassilvitskii (2007), SODA, 1027.
-fn nearest_centres(
-    samples: &[Vec<f64>],
-    weights: &[f64],
-    count: usize,
-    rng: &mut ChaCha8Rng,
-) -> Vec<Vec<f64>> {
-    let squared = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-    let draw = |chances: &[f64], rng: &mut ChaCha8Rng| {
-        let mut left = rng.random::<f64>() * chances.iter().sum::<f64>();
-        chances
-            .iter()
-            .position(|chance| {
-                left -= chance;
-                left < 0.0
-            })
-            .unwrap_or(0)
-    };
-    let mut centres = vec![samples[draw(weights, rng)].clone()];
-    let mut nearest = vec![0; samples.len()];
-    while centres.len() < count {
-        let distances = |x: &Vec<f64>| centres.iter().map(|c| squared(x, c)).fold(f64::INFINITY, f64::min);
-        let chances: Vec<f64> = samples.iter().zip(weights).map(|(x, w)| w * distances(x)).collect();
-        centres.push(samples[draw(&chances, rng)].clone());
-    }
-    for _ in 0..10 {
-        for (place, x) in nearest.iter_mut().zip(samples) {
-            *place = (0..count)
-                .min_by(|&a, &b| squared(x, &centres[a]).total_cmp(&squared(x, &centres[b])))
-                .unwrap_or(0);
-        }
-        for (k, centre) in centres.iter_mut().enumerate() {
-            let members = || (0..samples.len()).filter(|&i| nearest[i] == k);
-            let total: f64 = members().map(|i| weights[i]).sum();
-            if total > 0.0 {
-                for (j, x) in centre.iter_mut().enumerate() {
-                    *x = members().map(|i| weights[i] * samples[i][j]).sum::<f64>() / total;
-                }
-            }
-        }
-    }
-    nearest.iter().map(|&place| (0..count).map(|k| f64::from(u8::from(k == place))).collect()).collect()
+    fit.climb(fit.begin(|i, k| responsibilities[i][k])?, options.max_iterations)
 }
 
 /// The samples with their prior, which stay as they are while the mixture changes.
 struct Fit<'a> {
-    samples: &'a [Vec<f64>],
-    /// Weight of each sample times the number of samples.
-    counts: Vec<f64>,
+    samples: Blocks,
     dimensions: usize,
     options: &'a Options,
     concentration: f64,
@@ -207,8 +156,11 @@ struct Fit<'a> {
 /// Precision of the prior mean.
 const MEAN_PRECISION_PRIOR: f64 = 1.0;
 
+/// Iterations after which the beginnings are compared.
+const SHORT_RUN: usize = 20;
+
 impl<'a> Fit<'a> {
-    fn new(samples: &'a [Vec<f64>], weights: &[f64], options: &'a Options) -> Result<Self> {
+    fn new(samples: &[Vec<f64>], weights: &[f64], options: &'a Options) -> Result<Self> {
         ensure!(!samples.is_empty(), "no samples to fit a mixture to");
         ensure!(options.components > 0, "a mixture has at least one component");
         let n = samples.len() as f64;
@@ -217,7 +169,9 @@ impl<'a> Fit<'a> {
         let mean_prior: Vec<f64> = (0..dimensions)
             .map(|j| samples.iter().zip(&counts).map(|(x, c)| c * x[j]).sum::<f64>() / n)
             .collect();
-        let full = scatter(samples, &counts, &mean_prior) / (n - 1.0).max(1.0);
+        let samples = Blocks::new(samples, &counts);
+        let moments = samples.sums_of_shares(&[&mean_prior], |_, _| 1.0);
+        let full = moments.components[0].scatter() / (n - 1.0).max(1.0);
         let covariance_prior = match options.covariance {
             CovarianceType::Full | CovarianceType::Tied => full,
             CovarianceType::Diagonal => DMatrix::from_diagonal(&full.diagonal()),
@@ -226,32 +180,41 @@ impl<'a> Fit<'a> {
             }
         };
         let concentration = options.concentration.unwrap_or(1.0 / options.components as f64);
-        Ok(Self { samples, counts, dimensions, options, concentration, mean_prior, covariance_prior })
+        Ok(Self { samples, dimensions, options, concentration, mean_prior, covariance_prior })
     }
 
-    /// The variational posterior of the components' parameters, given the responsibilities.
-    fn maximise(&self, responsibilities: &[Vec<f64>]) -> Result<Mixture> {
+    /// The first mixture, from the share of each sample in each component.
+    fn begin(&self, share: impl Fn(usize, usize) -> f64 + Sync) -> Result<Mixture> {
+        let references = vec![self.mean_prior.as_slice(); self.options.components];
+        self.maximise(&references, &self.samples.sums_of_shares(&references, share))
+    }
+
+    /// Go on with a mixture until its lower bound comes to rest, or it has had so many iterations.
+    fn climb(&self, mut mixture: Mixture, iterations: usize) -> Result<Mixture> {
+        while mixture.iterations < iterations && !mixture.converged {
+            let sums = self.samples.sums_by_density(&self.expected_densities(&mixture)?);
+            let references: Vec<&[f64]> = mixture.means.iter().map(Vec::as_slice).collect();
+            let mut next = self.maximise(&references, &sums)?;
+            next.lower_bound = self.lower_bound(&next, sums.entropy)?;
+            next.iterations = mixture.iterations + 1;
+            next.converged = (next.lower_bound - mixture.lower_bound).abs() < self.options.tolerance;
+            mixture = next;
+        }
+        Ok(mixture)
+    }
+
+    /// The variational posterior of the components' parameters, given sums over the samples about
+    /// reference points.
+    fn maximise(&self, references: &[&[f64]], sums: &Sums) -> Result<Mixture> {
         let (d, k_max) = (self.dimensions, self.options.components);
-        let mut sizes = vec![10.0 * f64::EPSILON; k_max];
-        let mut centres = vec![vec![0.0; d]; k_max];
-        for ((x, count), row) in self.samples.iter().zip(&self.counts).zip(responsibilities) {
-            for (k, share) in row.iter().enumerate() {
-                sizes[k] += count * share;
-                for (centre, x) in centres[k].iter_mut().zip(x) {
-                    *centre += count * share * x;
-                }
-            }
-        }
-        for (centre, size) in centres.iter_mut().zip(&sizes) {
-            centre.iter_mut().for_each(|x| *x /= size);
-        }
-        let mut scatters: Vec<DMatrix<f64>> = (0..k_max)
-            .map(|k| {
-                let shares: Vec<f64> =
-                    responsibilities.iter().zip(&self.counts).map(|(row, count)| row[k] * count).collect();
-                scatter(self.samples, &shares, &centres[k])
-            })
+        let sizes: Vec<f64> = sums.components.iter().map(|c| c.size + 10.0 * f64::EPSILON).collect();
+        let centres: Vec<Vec<f64>> = sums
+            .components
+            .iter()
+            .zip(references)
+            .map(|(moments, reference)| moments.centre(reference))
             .collect();
+        let mut scatters: Vec<DMatrix<f64>> = sums.components.iter().map(Moments::scatter).collect();
         let mean_precision: Vec<f64> = sizes.iter().map(|size| MEAN_PRECISION_PRIOR + size).collect();
         let means: Vec<Vec<f64>> = (0..k_max)
             .map(|k| {
@@ -322,39 +285,19 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// Responsibilities of the components for the samples, and their weighted entropy.
-    fn expect(&self, mixture: &Mixture) -> Result<(Vec<Vec<f64>>, f64)> {
+    /// The expected ln density of each component, and what to add to it.
+    fn expected_densities(&self, mixture: &Mixture) -> Result<Vec<(Gaussian, f64)>> {
         let d = self.dimensions as f64;
         let ln_weights = self.expected_ln_weights(mixture);
-        let mut components = Vec::new();
-        for (k, ln_weight) in ln_weights.iter().enumerate() {
+        let density = |(k, ln_weight): (usize, f64)| {
             let nu = mixture.degrees_of_freedom[k];
             let gaussian = Gaussian::new(&mixture.means[k], &mixture.covariances[k])?;
             let ln_lambda: f64 =
                 d * 2f64.ln() + (0..self.dimensions).map(|j| digamma(0.5 * (nu - j as f64))).sum::<f64>();
             let shift = ln_weight - 0.5 * d * nu.ln() + 0.5 * (ln_lambda - d / mixture.mean_precision[k]);
-            components.push((gaussian, shift));
-        }
-        let mut entropy = 0.0;
-        let mut scratch = vec![0.0; self.dimensions];
-        let responsibilities = self
-            .samples
-            .iter()
-            .zip(&self.counts)
-            .map(|(x, count)| {
-                let mut row: Vec<f64> =
-                    components.iter().map(|(g, shift)| g.ln_density(x, &mut scratch) + shift).collect();
-                let ln_total = ln_sum_exp(&row);
-                for ln_share in &mut row {
-                    *ln_share -= ln_total;
-                    let share = ln_share.exp();
-                    entropy -= if share > 0.0 { count * share * *ln_share } else { 0.0 };
-                    *ln_share = share;
-                }
-                row
-            })
-            .collect();
-        Ok((responsibilities, entropy))
+            Ok((gaussian, shift))
+        };
+        ln_weights.into_iter().enumerate().map(density).collect()
     }
 
     fn expected_ln_weights(&self, mixture: &Mixture) -> Vec<f64> {
@@ -416,85 +359,4 @@ fn expected_weights(prior: WeightPrior, concentration: &[(f64, f64)]) -> Vec<f64
     let total: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|w| *w /= total);
     weights
-}
-
-/// Σ cᵢ (xᵢ − centre)(xᵢ − centre)ᵀ, shape (dimensions, dimensions).
-fn scatter(samples: &[Vec<f64>], counts: &[f64], centre: &[f64]) -> DMatrix<f64> {
-    let d = centre.len();
-    let mut sum = DMatrix::zeros(d, d);
-    let mut away = vec![0.0; d];
-    for (x, &count) in samples.iter().zip(counts).filter(|(_, count)| **count > 0.0) {
-        for ((away, x), c) in away.iter_mut().zip(x).zip(centre) {
-            *away = x - c;
-        }
-        for i in 0..d {
-            for j in 0..=i {
-                sum[(i, j)] += count * away[i] * away[j];
-            }
-        }
-    }
-    sum.fill_upper_triangle_with_lower_triangle();
-    sum
-}
-
-fn factor(covariance: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>> {
-    Cholesky::new(covariance.clone())
-        .ok_or_else(|| anyhow::anyhow!("a covariance of the mixture is not positive definite"))
-}
-
-fn ln_determinant(factor: &Cholesky<f64, Dyn>) -> f64 {
-    2.0 * factor.l_dirty().diagonal().iter().map(|x| x.ln()).sum::<f64>()
-}
-
-/// A normal distribution, ready to be evaluated.
-#[derive(Clone, Debug)]
-pub struct Gaussian {
-    mean: Vec<f64>,
-    /// Lower Cholesky factor of the covariance, row by row.
-    lower: Vec<Vec<f64>>,
-    ln_norm: f64,
-}
-
-impl Gaussian {
-    /// The normal distribution with this mean and covariance.
-    ///
-    /// # Errors
-    /// If the covariance is not positive definite.
-    pub fn new(mean: &[f64], covariance: &DMatrix<f64>) -> Result<Self> {
-        let factor = factor(covariance)?;
-        let d = mean.len();
-        let lower = (0..d).map(|i| (0..=i).map(|j| factor.l_dirty()[(i, j)]).collect()).collect();
-        let ln_norm = -0.5 * (d as f64 * std::f64::consts::TAU.ln() + ln_determinant(&factor));
-        Ok(Self { mean: mean.to_vec(), lower, ln_norm })
-    }
-
-    /// Squared Mahalanobis distance of a point from the mean; `scratch` has its length.
-    pub fn squared_distance(&self, x: &[f64], scratch: &mut [f64]) -> f64 {
-        let mut sum = 0.0;
-        for (i, row) in self.lower.iter().enumerate() {
-            let mut rest = x[i] - self.mean[i];
-            for (l, y) in row[..i].iter().zip(scratch.iter()) {
-                rest -= l * y;
-            }
-            scratch[i] = rest / row[i];
-            sum += scratch[i] * scratch[i];
-        }
-        sum
-    }
-
-    /// Natural logarithm of the density at a point; `scratch` has its length.
-    pub fn ln_density(&self, x: &[f64], scratch: &mut [f64]) -> f64 {
-        self.ln_norm - 0.5 * self.squared_distance(x, scratch)
-    }
-
-    /// ln of the density at the mean.
-    pub fn ln_peak(&self) -> f64 {
-        self.ln_norm
-    }
-
-    /// The point at `standard` normal coordinates: mean + L z.
-    pub fn point(&self, standard: &[f64]) -> Vec<f64> {
-        let along = |row: &Vec<f64>| row.iter().zip(standard).map(|(l, z)| l * z).sum::<f64>();
-        self.lower.iter().zip(&self.mean).map(|(row, mean)| mean + along(row)).collect()
-    }
 }

@@ -5,11 +5,13 @@
 //! beginning with `#` are skipped; CRLF and a UTF-8 byte-order mark are accepted. Tables are written
 //! tab-separated with a bare header.
 
+mod cursor;
 mod read;
 mod runs;
 mod write;
 
+pub use cursor::Cursor;
 pub use read::source_name;
 pub use read::{Format, Rows, Table, open, parse_number, read_bytes};
-pub use runs::{Flaw, RunTable, piece_rows};
+pub use runs::{Flaw, PieceRows, RunTable};
 pub use write::{Sink, TableWriter, push_number};

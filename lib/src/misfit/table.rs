@@ -1,11 +1,11 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
-use crate::table::{Flaw, Format, RunTable, open, parse_number, piece_rows, source_name};
+use crate::table::{Cursor, Flaw, Format, PieceRows, RunTable, open, parse_number, source_name};
 
-/// The misfits and errors of all runs, step by step.
+/// The misfits and errors of all runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Misfits {
     /// Where they were read from, for messages.
@@ -14,10 +14,12 @@ pub struct Misfits {
     pub samples: Vec<String>,
     /// The steps, the same for each run.
     pub steps: Vec<usize>,
-    /// rᵀC⁻¹r at each step, run by run, shape (runs · steps,).
-    misfit: Vec<f64>,
-    /// Error at each step, run by run, shape (runs · steps,).
-    error: Vec<f64>,
+    /// Misfit of each run summed over the steps, shape (runs,).
+    pub total: Vec<f64>,
+    /// Mean error of each run over the steps, shape (runs,).
+    pub mean_error: Vec<f64>,
+    /// rᵀC⁻¹r at each step, run by run, shape (runs · steps,), where it was to be kept.
+    by_step: Option<Vec<f64>>,
     /// Independent readings of each run to estimate the noise from; 0 where the noise is known.
     pub readings: Vec<f64>,
     /// Misfit of each run that the noise alone would make, shape (runs,); 0 where it is not known.
@@ -37,16 +39,25 @@ struct Piece {
     expected: Vec<f64>,
 }
 
+/// What every row of a run ends with: its text, and its shares of the readings and the expected misfit.
+#[derive(Clone, Copy, Default)]
+struct Tail<'a> {
+    text: &'a str,
+    readings: f64,
+    expected: f64,
+}
+
 impl Misfits {
-    /// Read misfit tables, `sample step misfit error` and optionally `readings` and `expected`, as
-    /// one.
+    /// Read misfit tables, `sample step misfit error` and optionally `readings` and `expected`,
+    /// as one.
     ///
-    /// Without a column `readings` each step counts as one reading.
+    /// Without a column `readings` each step counts as one reading. The misfits of the single steps are
+    /// kept only for [`Misfits::total_up_to`], where `by_step` asks for it.
     ///
     /// # Errors
     /// If a table cannot be read, holds a sample twice, or a run has other steps than the first.
-    pub fn read(paths: &[PathBuf]) -> Result<Self> {
-        let mut all = Self::default();
+    pub fn read(paths: &[PathBuf], by_step: bool) -> Result<Self> {
+        let mut all = Self { by_step: by_step.then(Vec::new), ..Self::default() };
         let mut seen = HashSet::new();
         for path in paths {
             all.read_one(path, &mut seen)?;
@@ -88,10 +99,14 @@ impl Misfits {
                     self.samples.push(sample);
                     self.readings.push(piece.readings[i]);
                     self.expected.push(piece.expected[i]);
+                    self.total.push(piece.misfit[from..from + length].iter().sum());
+                    let error: f64 = piece.error[from..from + length].iter().sum();
+                    self.mean_error.push(error / length as f64);
                     from += length;
                 }
-                self.misfit.extend(piece.misfit);
-                self.error.extend(piece.error);
+                if let Some(by_step) = &mut self.by_step {
+                    by_step.extend(piece.misfit);
+                }
                 Ok(())
             },
         )
@@ -108,19 +123,12 @@ impl Misfits {
     }
 
     /// Misfit of each run summed over the steps up to and with the one at place `last`, shape (runs,).
-    pub fn total_up_to(&self, last: usize) -> Vec<f64> {
-        self.misfit.chunks_exact(self.steps.len().max(1)).map(|run| run[..=last].iter().sum()).collect()
-    }
-
-    /// Misfit of each run summed over all steps, shape (runs,).
-    pub fn total(&self) -> Vec<f64> {
-        self.total_up_to(self.steps.len().saturating_sub(1))
-    }
-
-    /// Mean error of each run over all steps, shape (runs,).
-    pub fn mean_error(&self) -> Vec<f64> {
-        let steps = self.steps.len().max(1);
-        self.error.chunks_exact(steps).map(|run| run.iter().sum::<f64>() / steps as f64).collect()
+    ///
+    /// # Errors
+    /// If the misfits of the single steps were not kept.
+    pub fn total_up_to(&self, last: usize) -> Result<Vec<f64>> {
+        let by_step = self.by_step.as_ref().context("the misfits of the single steps were not kept")?;
+        Ok(by_step.chunks_exact(self.steps.len().max(1)).map(|run| run[..=last].iter().sum()).collect())
     }
 }
 
@@ -131,9 +139,18 @@ fn read_piece(
     [readings, expected]: [Option<usize>; 2],
 ) -> Result<Piece, Flaw> {
     let [sample, step, misfit, error] = columns;
-    let mut rows = Piece::default();
+    let is_plain = format.is_tabbed() && format.columns().len() == 6;
+    let is_plain = is_plain && columns == [0, 1, 2, 3] && (readings, expected) == (Some(4), Some(5));
+    let mut runs = Piece::default();
     let mut fields = Vec::new();
-    for (line, row) in piece_rows(piece) {
+    let (mut name, mut tail) = ("", Tail::default());
+    let mut rows = PieceRows::new(piece);
+    loop {
+        if is_plain && !runs.samples.is_empty() && rows.plain(|row| runs.plain_row(row, name, tail)).is_some()
+        {
+            continue;
+        }
+        let Some((line, row)) = rows.next() else { return Ok(runs) };
         let flaw = |problem: String| Flaw { line, problem };
         format.split_fields(row, &mut fields).map_err(flaw)?;
         let value = |column: usize| {
@@ -142,21 +159,47 @@ fn read_piece(
         };
         let place =
             fields[step].parse().map_err(|_| flaw(format!("column step: {:?} is no step", fields[step])))?;
-        rows.steps.push(place);
-        rows.misfit.push(value(misfit)?);
-        rows.error.push(value(error)?);
-        let share = readings.map_or(Ok(1.0), value)?;
-        let noise = expected.map_or(Ok(0.0), value)?;
-        if rows.samples.last().is_none_or(|last| last != fields[sample]) {
-            rows.samples.push(fields[sample].to_owned());
-            rows.lengths.push(0);
-            rows.readings.push(0.0);
-            rows.expected.push(0.0);
+        if runs.samples.is_empty() || name != fields[sample] {
+            name = fields[sample];
+            runs.begin(name);
         }
-        let last = rows.lengths.len() - 1;
-        rows.lengths[last] += 1;
-        rows.readings[last] += share;
-        rows.expected[last] += noise;
+        let (misfit, error) = (value(misfit)?, value(error)?);
+        tail.readings = readings.map_or(Ok(1.0), value)?;
+        tail.expected = expected.map_or(Ok(0.0), value)?;
+        if is_plain {
+            tail.text = row.splitn(5, '\t').nth(4).unwrap_or("");
+        }
+        runs.push(place, misfit, error, tail);
     }
-    Ok(rows)
+}
+
+impl Piece {
+    fn begin(&mut self, sample: &str) {
+        self.samples.push(sample.to_owned());
+        self.lengths.push(0);
+        self.readings.push(0.0);
+        self.expected.push(0.0);
+    }
+
+    /// Add a step to the last run.
+    fn push(&mut self, step: usize, misfit: f64, error: f64, tail: Tail<'_>) {
+        self.steps.push(step);
+        self.misfit.push(misfit);
+        self.error.push(error);
+        let last = self.lengths.len() - 1;
+        self.lengths[last] += 1;
+        self.readings[last] += tail.readings;
+        self.expected[last] += tail.expected;
+    }
+
+    /// Add a row that is written as the one before it: the same sample and the same tail.
+    fn plain_row(&mut self, row: &mut Cursor<'_>, sample: &str, tail: Tail<'_>) -> Option<()> {
+        row.skip(sample.as_bytes())?;
+        row.skip(b"\t")?;
+        let (step, misfit, error) = (row.count(b'\t')?, row.number(b'\t')?, row.number(b'\t')?);
+        row.skip(tail.text.as_bytes())?;
+        row.skip(b"\n")?;
+        self.push(step, misfit, error, tail);
+        Some(())
+    }
 }

@@ -6,6 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
+use super::cursor::Cursor;
+use super::runs::PieceRows;
+
 /// How the fields of one table are laid out: its column names and what separates them.
 #[derive(Clone, Debug)]
 pub struct Format {
@@ -19,6 +22,16 @@ enum Separator {
     Tab,
     Comma,
     Blanks,
+}
+
+impl Separator {
+    fn byte(self) -> u8 {
+        match self {
+            Self::Tab => b'\t',
+            Self::Comma => b',',
+            Self::Blanks => b' ',
+        }
+    }
 }
 
 impl Format {
@@ -62,6 +75,11 @@ impl Format {
     /// Column names, in order.
     pub fn columns(&self) -> &[String] {
         &self.columns
+    }
+
+    /// Whether fields are separated by tabs, as they are written here.
+    pub fn is_tabbed(&self) -> bool {
+        self.separator == Separator::Tab
     }
 
     /// Position of the column called `name`.
@@ -119,9 +137,15 @@ impl Format {
 fn split<'a>(line: &'a str, separator: Separator, fields: &mut Vec<&'a str>) {
     fields.clear();
     match separator {
-        Separator::Tab => fields.extend(line.split('\t').map(str::trim)),
-        Separator::Comma => fields.extend(line.split(',').map(str::trim)),
         Separator::Blanks => fields.extend(line.split_ascii_whitespace()),
+        _ => {
+            let mut start = 0;
+            for end in memchr::memchr_iter(separator.byte(), line.as_bytes()) {
+                fields.push(line[start..end].trim());
+                start = end + 1;
+            }
+            fields.push(line[start..].trim());
+        }
     }
 }
 
@@ -237,8 +261,7 @@ impl Table {
 #[derive(Debug)]
 pub struct Rows<'a> {
     format: Format,
-    rest: &'a str,
-    line: usize,
+    rows: PieceRows<'a>,
     fields: Vec<&'a str>,
 }
 
@@ -261,7 +284,7 @@ impl<'a> Rows<'a> {
             line += 1;
             if !header.trim().is_empty() {
                 let format = Format::from_header(source, line, header)?;
-                return Ok(Self { format, rest, line, fields: Vec::new() });
+                return Ok(Self { format, rows: PieceRows::after(line, rest), fields: Vec::new() });
             }
         }
     }
@@ -271,26 +294,41 @@ impl<'a> Rows<'a> {
         &self.format
     }
 
+    /// Take in the next row by `read`; see [`PieceRows::plain`].
+    pub fn plain<T>(&mut self, read: impl FnOnce(&mut Cursor<'a>) -> Option<T>) -> Option<T> {
+        self.rows.plain(read)
+    }
+
+    /// Add the next row to `numbers` if it is nothing but finite numbers, with one separator between
+    /// two of them.
+    pub fn next_numbers(&mut self, numbers: &mut Vec<f64>) -> Option<()> {
+        let (start, separator) = (numbers.len(), self.format.separator.byte());
+        let columns = self.format.columns.len();
+        let read = self.rows.plain(|row| {
+            for column in 1..=columns {
+                numbers.push(row.number(if column == columns { b'\n' } else { separator })?);
+            }
+            Some(())
+        });
+        if read.is_none() {
+            numbers.truncate(start);
+        }
+        read
+    }
+
     /// The next row: its line number and its fields.
     ///
     /// # Errors
     /// If it has another length than the header.
     pub fn next_row(&mut self) -> Result<Option<(usize, &[&'a str])>> {
-        while let Some(line) = next_line(&mut self.rest) {
-            self.line += 1;
-            let start = line.trim_ascii_start();
-            if start.is_empty() || start.starts_with('#') {
-                continue;
-            }
-            self.format.split(self.line, line, &mut self.fields)?;
-            return Ok(Some((self.line, &self.fields)));
-        }
-        Ok(None)
+        let Some((number, line)) = self.rows.next() else { return Ok(None) };
+        self.format.split(number, line, &mut self.fields)?;
+        Ok(Some((number, &self.fields)))
     }
 }
 
 /// Cut the first line off, without its line end.
-fn next_line<'a>(rest: &mut &'a str) -> Option<&'a str> {
+pub(crate) fn next_line<'a>(rest: &mut &'a str) -> Option<&'a str> {
     if rest.is_empty() {
         return None;
     }

@@ -4,7 +4,8 @@ use std::str;
 use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 
-use super::read::Format;
+use super::cursor::Cursor;
+use super::read::{Format, next_line};
 
 /// Something wrong in a piece of a table: at which of its lines, and what.
 #[derive(Clone, Debug)]
@@ -29,7 +30,7 @@ pub struct RunTable<'a> {
     ended: bool,
 }
 
-const BLOCK: usize = 4 << 20;
+const BLOCK: usize = 2 << 20;
 
 impl<'a> RunTable<'a> {
     /// Begin with the header; rows with the same field in the column `key` are one run.
@@ -162,11 +163,52 @@ impl<'a> RunTable<'a> {
 }
 
 /// The rows of a piece, without blank lines and comments, with their lines within the piece.
-pub fn piece_rows(piece: &str) -> impl Iterator<Item = (usize, &str)> {
-    piece.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| {
-        let start = line.trim_ascii_start();
-        !start.is_empty() && !start.starts_with('#')
-    })
+#[derive(Clone, Debug)]
+pub struct PieceRows<'a> {
+    rest: &'a str,
+    line: usize,
+}
+
+impl<'a> PieceRows<'a> {
+    /// Begin with the first row.
+    pub fn new(piece: &'a str) -> Self {
+        Self::after(0, piece)
+    }
+
+    /// Begin with the row after line `line`.
+    pub(crate) fn after(line: usize, rest: &'a str) -> Self {
+        Self { rest, line }
+    }
+
+    /// Line of the last row that was taken.
+    pub fn line(&self) -> usize {
+        self.line
+    }
+
+    /// Take a row in by `read`, which ends after its line end, or leaves it alone.
+    #[inline]
+    pub fn plain<T>(&mut self, read: impl FnOnce(&mut Cursor<'a>) -> Option<T>) -> Option<T> {
+        let mut cursor = Cursor::new(self.rest);
+        let value = read(&mut cursor)?;
+        self.rest = &self.rest[self.rest.len() - cursor.rest().len()..];
+        self.line += 1;
+        Some(value)
+    }
+}
+
+impl<'a> Iterator for PieceRows<'a> {
+    type Item = (usize, &'a str);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while let Some(line) = next_line(&mut self.rest) {
+            self.line += 1;
+            let start = line.trim_ascii_start();
+            if !start.is_empty() && !start.starts_with('#') {
+                return Some((self.line, line));
+            }
+        }
+        None
+    }
 }
 
 /// Read up to `more` bytes more; false at the end of the input.

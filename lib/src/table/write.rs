@@ -6,9 +6,14 @@ use anyhow::{Context, Result, ensure};
 
 /// Append the shortest decimal that reads back to the same `f64`.
 pub fn push_number(text: &mut Vec<u8>, value: f64) {
-    let mut buffer = ryu::Buffer::new();
+    let mut buffer = zmij::Buffer::new();
     let digits = buffer.format(value);
-    text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
+    if value.abs() >= 1e16 {
+        // 1e16, not 1e+16.
+        text.extend(digits.bytes().filter(|byte| *byte != b'+'));
+    } else {
+        text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
+    }
 }
 
 /// Where a table goes: standard output, or a file that appears whole or not at all.
@@ -142,9 +147,13 @@ impl TableWriter {
     pub fn text(&mut self, field: &str) -> &mut Self {
         self.separate();
         let field = if field.is_empty() { "-" } else { field };
-        self.row.extend(
-            field.bytes().map(|byte| if matches!(byte, b'\t' | b'\n' | b'\r') { b' ' } else { byte }),
-        );
+        let start = self.row.len();
+        self.row.extend_from_slice(field.as_bytes());
+        for byte in &mut self.row[start..] {
+            if matches!(byte, b'\t' | b'\n' | b'\r') {
+                *byte = b' ';
+            }
+        }
         self
     }
 
@@ -178,6 +187,14 @@ impl TableWriter {
         let written = self.sink.write_all(&self.row);
         self.row.clear();
         written.with_context(|| format!("{}: cannot be written", self.sink.name))
+    }
+
+    /// Write rows that are text already, each with its line end.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn rows(&mut self, rows: &[u8]) -> Result<()> {
+        self.sink.write_all(rows).with_context(|| format!("{}: cannot be written", self.sink.name))
     }
 
     /// End the table and put it in its place.

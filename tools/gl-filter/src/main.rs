@@ -86,21 +86,20 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;
-    let misfits = Misfits::read(&args.misfits)?;
+    let misfits = Misfits::read(&args.misfits, args.history.is_some())?;
     ensure!(!misfits.is_empty(), "{}: no runs to weigh", misfits.source);
 
     let places = places(&samples, &misfits)?;
     let mut used = vec![false; samples.len()];
     places.iter().for_each(|&i| used[i] = true);
     let ln_proposal = ln_balance_heuristic(&samples, &counts, &proposals(args)?, &used)?;
-    let runs = Runs::new(misfits.total(), places.iter().map(|&i| ln_proposal[i]).collect())?;
+    let runs = Runs::new(misfits.total.clone(), places.iter().map(|&i| ln_proposal[i]).collect())?;
     let values: Vec<Vec<f64>> = places.iter().map(|&i| samples.values[i].clone()).collect();
 
     let noise = noise(&runs, &misfits, &values);
     let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
     let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
     let weighting = weigh(&runs, target, args.sigma_min.map(|sigma| sigma.0), noise)?;
-    let errors = misfits.mean_error();
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
     let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
     let evidence = Evidence {
@@ -108,7 +107,7 @@ fn run(args: &Args) -> Result<()> {
         weighting: &weighting,
         noise,
         samples: &misfits.samples,
-        errors: &errors,
+        errors: &misfits.mean_error,
         parameters: &samples.parameters,
         values: &values,
         bounds: &bounds,
@@ -137,7 +136,7 @@ fn run(args: &Args) -> Result<()> {
         parameters: samples.parameters.clone(),
         values,
         misfit: Some(runs.misfit.clone()),
-        error: Some(errors),
+        error: Some(misfits.mean_error),
         weight: weighting.weights()?,
     }
     .write(args.output.as_deref())
@@ -231,7 +230,7 @@ fn write_history(
     columns.extend(parameters.iter().map(|name| format!("cv({name})")));
     let mut table = TableWriter::create(Some(path), &columns)?;
     for (place, &step) in misfits.steps.iter().enumerate() {
-        let runs = Runs::new(misfits.total_up_to(place), runs.ln_proposal.clone())?;
+        let runs = Runs::new(misfits.total_up_to(place)?, runs.ln_proposal.clone())?;
         let weighting = if last.is_noise {
             noise.share((place + 1) as f64 / misfits.steps.len() as f64).posterior(&runs)?
         } else {
