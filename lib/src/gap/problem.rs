@@ -110,8 +110,11 @@ impl<'a> Problem<'a> {
             .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
             .collect();
         let covariance = noise.as_ref().map(|noise| {
-            let diagonal: Vec<f64> =
-                noise.iter().zip(predictor.left_over()).map(|(sd, rest)| sd * sd + rest).collect();
+            let diagonal: Vec<f64> = noise
+                .iter()
+                .zip(predictor.left_over())
+                .map(|(sd, rest)| sd * sd + HEAVY_TAILS * rest)
+                .collect();
             Covariance::new(&diagonal, &patterns, &correlation)
         });
         Ok(Self {
@@ -144,7 +147,8 @@ impl<'a> Problem<'a> {
     pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
         let variance: Vec<f64> =
             component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
-        let rest: Vec<f64> = self.predictor.left_over().iter().map(|rest| rest.sqrt()).collect();
+        let rest: Vec<f64> =
+            self.predictor.left_over().iter().map(|rest| (HEAVY_TAILS * rest).sqrt()).collect();
         self.factor(&variance, &rest)
     }
 
@@ -195,7 +199,7 @@ impl<'a> Problem<'a> {
                     .left_over()
                     .iter()
                     .enumerate()
-                    .map(|(i, rest)| rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
+                    .map(|(i, rest)| HEAVY_TAILS * rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
                     .collect();
                 estimated = Covariance::new(&diagonal, &self.patterns, &self.correlation);
                 &estimated
