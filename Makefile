@@ -41,13 +41,13 @@ calibrate: build
 submit: build
 	@scripts/submit $(CASE) $(OUT)
 status:
-	@scripts/status $(OUT)
+	@scripts/status $(OUT) || [ $$? -eq 1 ]
 cancel:
 	@scripts/cancel $(OUT)
 
 ## make report CASE=…               a calibration or diagnosis as one HTML file with its pictures
 report: build
-	@scripts/report-html $(CASE) $(ENGINE) $(OUT)
+	@scripts/report-html $(CASE) $(ENGINE) $(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT))
 
 ## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
 diagnose: OUT := out/$(notdir $(CASE))-diagnosis

@@ -15,7 +15,7 @@ ALL := $(foreach i,$(shell seq 0 $(I)),$(OUT)/iter$(i))
 PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 
 SEED ?= 0
-SAMPLING ?= slice
+SAMPLING ?= mixture
 ESS ?= 0.2
 MAX_FAILED ?= 0.5
 export CASE
