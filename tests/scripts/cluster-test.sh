@@ -24,19 +24,6 @@ END
     printf '%s\n' ROWS_PER_TASK=4 MAX_CONCURRENT=2 RUN_TIMEOUT=2 POLL=1 TIME=5 "$@" >cluster.env
 }
 
-with_slurm() {
-    needs slurm sbatch slurmctld slurmd munged
-    [ "$(id -u)" = 0 ] || { echo 'a private SLURM needs root' >reason; exit 77; }
-    export SLURM_TEST_DIR=$PWD/slurm SLURM_TEST_CPUS=4
-    mkdir slurm
-    # munged wants its socket where everybody may look.
-    chmod 755 .
-    trap '"$ROOT/tests/slurm/stop.sh"' EXIT
-    "$ROOT/tests/slurm/start.sh"
-    # shellcheck source=/dev/null
-    . slurm/env.sh
-}
-
 with_pbs() {
     export FAKE_PBS=$PWD/pbs PATH=$ROOT/tests/scripts/fake-pbs:$PATH
     mkdir pbs

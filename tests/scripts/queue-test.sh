@@ -23,19 +23,6 @@ END
     printf '%s\n' ROWS_PER_TASK=3 TIME=5 RETRIES=1 "$@" >case/cluster.env
 }
 
-with_slurm() {
-    needs slurm sbatch slurmctld slurmd munged
-    [ "$(id -u)" = 0 ] || { echo 'a private SLURM needs root' >reason; exit 77; }
-    export SLURM_TEST_DIR=$PWD/slurm SLURM_TEST_CPUS=4
-    mkdir slurm
-    # munged wants its socket where everybody may look.
-    chmod 755 .
-    trap '"$ROOT/tests/slurm/stop.sh"' EXIT
-    "$ROOT/tests/slurm/start.sh"
-    # shellcheck source=/dev/null
-    . slurm/env.sh
-}
-
 with_idle_queue() {
     local -i tries=0
     while [ -n "$(squeue -h)" ]; do
