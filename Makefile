@@ -14,8 +14,8 @@ TOOLS := $(notdir $(wildcard tools/gl-*))
 help:
 	@sed -n 's/^## //p' $(MAKEFILE_LIST)
 
-## make demo                        build; calibrate a contact between two spheres; the posterior and a picture
-demo: ENGINE := $(if $(shell command -v yade-batch),yade-batch,embedded)
+## make demo                        build; calibrate a contact between two spheres; the posterior and a picture.
+##                                  ENGINE=yade-batch does it with Yade
 demo: build
 	@scripts/calibrate examples/collision $(ENGINE) out/demo-$(ENGINE)
 	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w out/demo-$(ENGINE)/posterior-weights.txt \

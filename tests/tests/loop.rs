@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Instant, SystemTime};
@@ -31,16 +33,19 @@ fn the_collision_is_calibrated_to_one_percent() {
 /// deviation of 0.144: the iterations must not narrow what no data have narrowed.
 #[test]
 fn what_the_data_cannot_tell_stays_uncertain() {
-    let mut held = 0;
+    let (mut held, mut sds) = (0, Vec::new());
     for seed in 1..9 {
         let folder = Folder::default();
         copy_case(&folder, "collision", &[("SEED", &seed.to_string())]);
         finish(&mut calibrate(&folder, "embedded", "out"));
         let summary = posterior(&folder, "out");
         let nu = |quantity: &str| folder.quantity(&summary, &format!("{quantity}(nu)"));
-        assert!((0.07..0.21).contains(&nu("sd")), "seed {seed}: {}", nu("sd"));
+        sds.push(nu("sd"));
         held += u32::from((nu("q05")..=nu("q95")).contains(&0.2));
     }
+    // A single calibration may still lose an end of the ridge that E and nu lie along.
+    let mean = sds.iter().sum::<f64>() / sds.len() as f64;
+    assert!((0.11..0.18).contains(&mean), "standard deviations {sds:?}");
     assert!(held >= 7, "{held} of 8 intervals hold the truth");
 }
 
@@ -155,8 +160,13 @@ fn iterations_are_limited_and_added() {
     finish(calibrate(&folder, "embedded", "out").env("MORE", "2"));
     assert_eq!(iterations(), 4);
     let after = tables(&folder, "out");
-    assert!(first.iter().all(|(file, bytes)| after[file] == *bytes));
+    assert!(of_iterations(&first).all(|(file, bytes)| after[file] == *bytes));
     assert_eq!(folder.quantity("out/iter3/posterior.txt", "runs"), 120.0);
+}
+
+/// The tables of single iterations, without those that a calibration ends with.
+fn of_iterations(tables: &BTreeMap<PathBuf, Vec<u8>>) -> impl Iterator<Item = (&PathBuf, &Vec<u8>)> {
+    tables.iter().filter(|(file, _)| file.parent().is_some_and(|parent| !parent.as_os_str().is_empty()))
 }
 
 fn one_iteration(folder: &Folder, arguments: &str, iteration: usize) -> (Option<i32>, String, String) {
@@ -186,7 +196,7 @@ fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
     let (code, stdout, stderr) = one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
     assert!(code < Some(2), "{stdout}{stderr}");
     let (whole, out) = (tables(&folder, "whole"), tables(&folder, "out"));
-    for (file, bytes) in &whole {
+    for (file, bytes) in of_iterations(&whole) {
         assert!(out[file] == *bytes, "{} differs", file.display());
     }
     // A run that is there now and failed before is taken in.
