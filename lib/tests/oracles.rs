@@ -1,6 +1,8 @@
 //! Point sets, priors and weighted statistics against scipy and mpmath; the fixtures and the scripts
 //! that made them are in `tests/oracle`.
 
+#![allow(clippy::unwrap_used)]
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -80,13 +82,14 @@ fn priors_have_the_quantiles_and_densities_of_sixty_digits() {
     }
 }
 
-/// Closed forms: Φ(−x) for x = 1, 6, 37.5 from mpmath, `ncdf` in 30 digits.
+/// Φ at −1, −6 and −37.5 by the continued fraction of Abramowitz & Stegun 26.2.14, 20 000 terms in 60 digits
+/// (Python's `decimal`).
 #[test]
 fn normal_quantiles_are_exact_in_the_middle_and_far_out() {
     for (p, x) in [
         (0.158_655_253_931_457_05, -1.0),
-        (9.865_876_450_376_981e-10, -6.0),
-        (4.605_353_009_582_29e-308, -37.5),
+        (9.865_876_450_376_98e-10, -6.0),
+        (4.605_353_009_581_955e-308, -37.5),
         (0.5, 0.0),
         (0.841_344_746_068_542_9, 1.0),
     ] {
