@@ -316,4 +316,69 @@ mod tests {
             }
         }
     }
+
+    /// ln ∫ exp(ln_density(w)) N(w; 0, 1) dw by the trapezium rule.
+    fn averaged(ln_density: impl Fn(f64) -> f64) -> f64 {
+        let (step, count) = (0.01, 1400);
+        let terms: Vec<f64> = (0..=count)
+            .map(|i| {
+                let w = step * f64::from(i) - 7.0;
+                ln_density(w) - 0.5 * (w * w + std::f64::consts::TAU.ln()) + step.ln()
+            })
+            .collect();
+        ln_sum_exp(&terms)
+    }
+
+    fn found(problem: &Problem<'_>, discrepancy: bool) -> Evidence {
+        let model = Model::new(problem, &[], discrepancy);
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let modes = crate::gap::mode::find(&model, &[], &mut random);
+        evidence(&model, modes, FINE, &mut random).unwrap()
+    }
+
+    fn base() -> Vec<(Vec<f64>, f64)> {
+        vec![(Straight::curve(1.0, 0.0, 0.0), 0.5), (Straight::curve(0.0, 1.0, 0.0), 0.5)]
+    }
+
+    fn noisy() -> Vec<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        Straight::curve(1.3, 0.6, 0.1).iter().map(|y| y + 0.05 * standard_normal(&mut random)).collect()
+    }
+
+    #[test]
+    fn an_unknown_noise_is_integrated_out() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(noisy());
+        let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, None, 1.0).unwrap();
+        let mean = Straight::curve(1.0, 1.0, 0.0);
+        let model = Model::new(&problem, &[], false);
+        let expected = averaged(|w| {
+            let share = model.nuisances(&[0.0, 0.0, w]).0[0];
+            closed_form(&problem, share * problem.ranges[0], &mean, &base())
+        });
+        let found = found(&problem, false);
+        assert!((found.ln - expected).abs() < 4.0 * found.error, "{} {expected} {}", found.ln, found.error);
+    }
+
+    #[test]
+    fn the_amplitude_of_a_discrepancy_is_integrated_out() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(noisy());
+        let noise = 0.05;
+        let known = Some(vec![vec![noise; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, known, 1.0).unwrap();
+        let mean = Straight::curve(1.0, 1.0, 0.0);
+        let model = Model::new(&problem, &[], true);
+        let expected = averaged(|w| {
+            let amplitude = model.nuisances(&[0.0, 0.0, w]).1[0];
+            let mut patterns = base();
+            for (i, variance) in problem.smooth.variances.iter().enumerate() {
+                let pattern: Vec<f64> = problem.smooth.patterns.column(i).iter().copied().collect();
+                patterns.push((pattern, amplitude * noise * variance.sqrt()));
+            }
+            closed_form(&problem, noise, &mean, &patterns)
+        });
+        let found = found(&problem, true);
+        assert!((found.ln - expected).abs() < 4.0 * found.error, "{} {expected} {}", found.ln, found.error);
+    }
 }
