@@ -8,6 +8,7 @@ PREFIX ?= /usr/local
 export PATH := $(CURDIR)/target/release:$(CURDIR)/scripts:$(PATH)
 export MAKE
 
+SHARE = $(DESTDIR)$(PREFIX)/share
 TOOLS := $(notdir $(wildcard tools/gl-*))
 
 help:
@@ -35,6 +36,19 @@ build:
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
 
+## make submit CASE=…              the same in the queue of SLURM, with nothing that must stay connected;
+##                                  make status and make cancel OUT=… say how it gets on and end it
+submit: build
+	@scripts/submit $(CASE) $(OUT)
+status:
+	@scripts/status $(OUT) || [ $$? -eq 1 ]
+cancel:
+	@scripts/cancel $(OUT)
+
+## make report CASE=…               a calibration or diagnosis as one HTML file with its pictures
+report: build
+	@scripts/report-html $(CASE) $(ENGINE) $(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT))
+
 ## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
 diagnose: OUT := out/$(notdir $(CASE))-diagnosis
 diagnose: build
@@ -42,14 +56,38 @@ diagnose: build
 	@$(MAKE) --no-print-directory -s -f scripts/diagnose.mk CASE=$(CASE) ENGINE=$(ENGINE) OUT=$(OUT) $(OUT)/report.md
 	@echo "The report is $(OUT)/report.md"
 
-## make install PREFIX=…            the tools and scripts into PREFIX/bin and PREFIX/share/gl
-install: build
-	@install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/gl
+## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 10 minutes
+CASES ?= 200
+SEED ?= 1000
+withheld: build
+	@for world in contact triaxial; do dir=out/withheld/$$world; mkdir -p $$dir; echo "## $$world"; \
+	     withheld generate $$world $$dir --num $(CASES) --seed $(SEED) && withheld diagnose $$world $$dir && \
+	     withheld score $$dir | tee $$dir/score.tsv || exit; done
+
+## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
+bench: build
+	@scripts/bench/run
+
+## make man                         manual pages and completions, in out/man
+man: build
+	@mkdir -p out/man
+	@for tool in $(TOOLS); do for kind in man bash zsh fish; do \
+	     $$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; done
+
+## make install PREFIX=…            tools, scripts, examples, manual pages and completions
+install: man
+	@install -d $(SHARE)/gl $(SHARE)/man/man1 $(SHARE)/bash-completion/completions $(SHARE)/zsh/site-functions \
+	 $(SHARE)/fish/vendor_completions.d $(DESTDIR)$(PREFIX)/bin
 	@install $(TOOLS:%=target/release/%) $(DESTDIR)$(PREFIX)/bin
-	@cp -r scripts examples $(DESTDIR)$(PREFIX)/share/gl
+	@cp -r scripts examples $(SHARE)/gl
+	@for tool in $(TOOLS); do \
+	     install -m 644 out/man/$$tool.1 $(SHARE)/man/man1/; \
+	     install -m 644 out/man/$$tool.bash $(SHARE)/bash-completion/completions/$$tool; \
+	     install -m 644 out/man/$$tool.zsh $(SHARE)/zsh/site-functions/_$$tool; \
+	     install -m 644 out/man/$$tool.fish $(SHARE)/fish/vendor_completions.d/; done
 
 ## make clean                       what calibrations wrote; the build stays
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate diagnose install clean
+.PHONY: help demo test build calibrate submit status cancel report diagnose withheld bench man install clean

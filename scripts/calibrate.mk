@@ -1,5 +1,7 @@
 # One iteration of a calibration: make -f scripts/calibrate.mk CASE=… ENGINE=… OUT=… I=0
 #
+# Without an ENGINE nothing is run: the runs are in OUT/iterI/runs already.
+#
 # Each file is made from the ones before it, and appears whole or not at all, so that after an
 # interruption the same call goes on where it was. scripts/calibrate calls this for I = 0, 1, 2, …
 
@@ -13,8 +15,8 @@ ALL := $(foreach i,$(shell seq 0 $(I)),$(OUT)/iter$(i))
 PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 
 SEED ?= 0
-SAMPLING ?= slice
-ESS ?= 0.3
+SAMPLING ?= mixture
+ESS ?= 0.2
 MAX_FAILED ?= 0.5
 export CASE
 
@@ -37,23 +39,23 @@ $(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(CASE)/case.env
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
 	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
 
-# What the next samples are drawn from: tempered, so that ESS of the runs of one iteration keep weight,
-# but enough to see the shape of the posterior in (2 d + 4 with d parameters).
-KEPT := $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { least = 2 * (rows - 1) + 4; kept = $(ESS) * $(NUM); print (kept > least ? kept : least) }' $(PARAMS))
+# What the next samples are drawn from: tempered, so that enough runs keep weight.
 # Of what gl-filter writes the weights come last, so that they stand for all of it.
 $(D)/weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
-	@gl-filter $(FILTER) --ess-runs $(KEPT) --sigma-min noise --history $(D)/history.txt \
+	@kept=$$(awk -v share=$(ESS) -f "$(SCRIPTS)kept.awk" $(D)/samples.txt); \
+	 gl-filter $(FILTER) --ess-runs $$kept --sigma-min noise --history $(D)/history.txt \
 	 --summary $(D)/summary.txt -o $@ $^ 2>$(D)/filter.log || { cat $(D)/filter.log >&2; exit 2; }
 
 # The posterior itself, from all runs so far.
 $(D)/posterior-weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
-	@gl-filter $(FILTER) --sigma noise --summary $(D)/posterior.txt -o $@ $^ 2>$(D)/posterior.log || { cat $(D)/posterior.log >&2; exit 2; }
+	@gl-filter $(FILTER) --sigma noise --summary $(D)/posterior.txt -o $@ $^ 2>$(D)/posterior.log \
+	 || { cat $(D)/posterior.log >&2; exit 2; }
 
 $(D)/misfit.txt: $(D)/ensemble.txt
 	@gl-likelihood -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(MISFIT) -o $@ $<
 
 $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
-	@"$(SCRIPTS)run-$(ENGINE)" $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs
+	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(RUN_OPTIONS) $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
 	@gl-collect -s $(D)/samples.txt -b $(OBS) -c '$(CONTROL)' -v '$(OBSERVABLES)' --max-failed $(MAX_FAILED) \
 	 --status $(D)/status.txt -o $@ $(D)/runs 2>$(D)/collect.log || { cat $(D)/collect.log >&2; exit 2; }
 

@@ -5,6 +5,7 @@
 # DIR/.run holds what the tasks read, and lives as long as they do:
 #     samples.txt  the checked table          rows    line numbers of the rows to run, one a line
 #     task.env     how to run a row           jobs    a submitted array a line
+#     started      since when runs end        round   how often failed runs were submitted again
 #     NAME.running the task that a run is in; left behind by one that was killed
 
 # cluster_settings: sets site[KEY] from cluster.env beside the case.
@@ -100,19 +101,24 @@ run_cluster() {
         if [ -z "$wait" ] && [ -n "$(in_queue)" ]; then
             say "$GL_DIR: runs are in the queue already"
             in_queue
-            return
+            return 3
         fi
-        say "$GL_DIR: waiting for the runs that are in the queue already"
+        [ -z "$wait" ] || say "$GL_DIR: waiting for the runs that are in the queue already"
         until_gone
         settle
+        if [ -z "$wait" ] && [ -e "$GL_DIR/.run/round" ] && [ "$(cat "$GL_TABLE")" = "$TABLE" ]; then
+            round=$(($(cat "$GL_DIR/.run/round") + 1))
+        fi
     fi
-    open_dir
+    # After the last round what is there still tells which runs were tried.
+    [ "$round" -gt "${site[RETRIES]}" ] || open_dir
     mapfile -t rows < <(missing_rows all)
     local to_do=("${rows[@]}")
     while [ "${#to_do[@]}" -gt 0 ] && [ "$round" -le "${site[RETRIES]}" ]; do
         prepare_tasks "${to_do[@]}"
+        printf '%s\n' "$round" >"$GL_DIR/.run/round"
         submit_tasks
-        if [ -z "$wait" ]; then cat "$GL_DIR/.run/jobs"; return; fi
+        if [ -z "$wait" ]; then cat "$GL_DIR/.run/jobs"; return 3; fi
         until_gone
         settle
         mapfile -t to_do < <(missing_rows all)

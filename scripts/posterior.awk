@@ -1,7 +1,8 @@
 # The posterior as a table for reading, and which run fitted best.
 BEGIN { FS = "\t"; row = "%-12s %12s %12s %12s %12s %12s\n" }
 { value[$1] = $2 }
-/^mean\(/ { parameters[++count] = substr($1, 6, length($1) - 6) }
+# A parameter of an effect that is off does not vary.
+/^sd\(/ && $2 > 0 { parameters[++count] = substr($1, 4, length($1) - 4) }
 END {
     printf row, "parameter", "mean", "sd", "5 %", "95 %", "best run"
     for (j = 1; j <= count; j++) {

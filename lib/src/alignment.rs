@@ -130,8 +130,7 @@ struct Place {
 impl Interpolation {
     fn new(control: &[f64], branch: &Branch) -> Self {
         let mut points: Vec<(f64, usize)> = Vec::with_capacity(branch.len());
-        for row in branch.from..=branch.to {
-            let at = control[row];
+        for (row, &at) in control.iter().enumerate().take(branch.to + 1).skip(branch.from) {
             match points.last_mut() {
                 Some(last) if last.0 == at => last.1 = row,
                 Some(last) if (at > last.0) != branch.rises => {}

@@ -1,9 +1,44 @@
-//! What every tool does alike: exit codes and the last message.
+//! What every tool does alike: its arguments, exit codes and the last message.
 
+use std::env;
 use std::io::{self, Write};
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
 
-use anyhow::{Error, Result};
+use anyhow::{Error, Result, bail};
+use clap::{Command, Parser};
+use clap_complete::Shell;
+
+/// A tool's arguments.
+///
+/// Ends the program, as [`Parser::parse`] does, for arguments that are wrong and for `--help`; and for
+/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions.
+#[allow(clippy::exit)]
+pub fn parse<A: Parser>() -> A {
+    let arguments: Vec<_> = env::args_os().skip(1).collect();
+    if let [flag, kind] = arguments.as_slice()
+        && flag == "--generate"
+    {
+        let mut command = A::command();
+        let name = command.get_name().to_owned();
+        let outcome = finish(&name, generate(&mut command, &kind.to_string_lossy()));
+        process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
+    }
+    A::parse()
+}
+
+/// Write a manual page or completions to standard output.
+fn generate(command: &mut Command, kind: &str) -> Result<()> {
+    let shell = match kind {
+        "bash" => Shell::Bash,
+        "zsh" => Shell::Zsh,
+        "fish" => Shell::Fish,
+        "man" => return Ok(clap_mangen::Man::new(command.clone()).render(&mut io::stdout())?),
+        _ => bail!("--generate {kind}: give man, bash, zsh or fish"),
+    };
+    let name = command.get_name().to_owned();
+    clap_complete::generate(shell, command, name, &mut io::stdout());
+    Ok(())
+}
 
 /// What a tool's `run` returns: done, or an answer yes or no.
 pub trait Outcome {

@@ -137,10 +137,20 @@ impl Collection<'_> {
             }
         }
         let Some((folder, bytes)) = found else {
-            return Ok(Err(Failure::Missing(format!("no {file}"))));
+            let ending = self.ending(name).map_or(String::new(), |ending| format!("; exit code {ending}"));
+            return Ok(Err(Failure::Missing(format!("no {file}{ending}"))));
         };
         let curves = self.check_parameters(folder, samples, i).and_then(|()| self.curves(&file, &bytes));
         Ok(curves)
+    }
+
+    /// How a run ended, from the `<description>.status` that the engines leave: an exit code, and a word
+    /// such as TIMEOUT where it was not the model that ended it.
+    fn ending(&self, name: &str) -> Option<String> {
+        let file = format!("{name}.status");
+        let text = self.folders.iter().find_map(|folder| fs::read_to_string(folder.join(&file)).ok())?;
+        let words: Vec<&str> = text.lines().next()?.split_whitespace().collect();
+        (!words.is_empty()).then(|| words.join(" "))
     }
 
     /// Compare the parameters that the run wrote down with the table's.

@@ -5,6 +5,7 @@ pub mod adequacy;
 pub mod attribution;
 pub mod closure;
 pub mod confounding;
+pub mod diagnosis;
 pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
@@ -21,9 +22,11 @@ pub mod predictor;
 pub mod problem;
 pub mod residual;
 mod scatter;
+pub mod self_check;
 pub mod shrink;
 pub mod standardised;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod synthetic_world;
+pub mod verdict;

@@ -97,6 +97,8 @@ pub struct RunMisfit {
     pub error: Vec<f64>,
     /// Independent readings among the residuals, over all steps and observables.
     pub readings: f64,
+    /// The misfit that noise alone would make, over all steps and observables.
+    pub expected: f64,
 }
 
 impl<'a> Comparison<'a> {
@@ -125,7 +127,8 @@ impl<'a> Comparison<'a> {
     pub fn run(&self, curves: &[f64], sd: Option<&[f64]>) -> RunMisfit {
         let m = self.observations.names.len();
         let n = self.steps.len();
-        let mut result = RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0 };
+        let mut result =
+            RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0, expected: (n * m) as f64 };
         let mut residuals = vec![0.0; n];
         for j in 0..m {
             let (observed, variances) = (&self.observations.values[j], &self.covariance.variance[j]);
@@ -133,7 +136,11 @@ impl<'a> Comparison<'a> {
                 let residual = observed[t] - curves[t * m + j];
                 let variance = variances[t];
                 result.misfit[i] += match sd.map(|sd| sd[t * m + j] * sd[t * m + j]) {
-                    Some(own) => residual * residual / (variance + own) + (own / variance).ln_1p(),
+                    Some(own) => {
+                        let ln_widening = (own / variance).ln_1p();
+                        result.expected += ln_widening;
+                        residual * residual / (variance + own) + ln_widening
+                    }
                     None => residual * residual / variance,
                 };
                 result.error[i] += residual.abs() / (self.ranges[j] * m as f64);

@@ -163,10 +163,10 @@ impl Prior {
                     format_args!("give the value of {name} at which the effect {effect} is absent"),
                 );
             }
-            if let Some(effect) = &effect {
-                if let Err(problem) = check_effect_name(effect) {
-                    return table.fail(row, "effect", problem);
-                }
+            if let Some(effect) = &effect
+                && let Err(problem) = check_effect_name(effect)
+            {
+                return table.fail(row, "effect", problem);
             }
             let off = effect.as_ref().and(off);
             let unit = text(row, "unit")?;

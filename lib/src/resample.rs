@@ -70,14 +70,21 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
         .collect();
     let parameters: Vec<Parameter> = varied.iter().map(|&j| prior.parameters()[j].clone()).collect();
     ensure!(!parameters.is_empty(), "{}: every effect is off; nothing varies", weights.source);
-    let points: Vec<Vec<f64>> = all
+    let mut points: Vec<Vec<f64>> = all
         .iter()
         .map(|row| {
             varied.iter().zip(&parameters).map(|(&j, p)| p.coordinate(row[j]).clamp(0.0, 1.0)).collect()
         })
         .collect();
 
-    let (shares, was_widened) = enough_samples(&points, &weights.weight);
+    let mut shares = weights.weight.clone();
+    // Places spread evenly stand in for the neighbours that a handful of samples does not have.
+    let evenly = Halton::new(parameters.len(), Some(how.seed));
+    for i in points.len()..least_samples(parameters.len()) {
+        points.push(evenly.point(i as u64));
+        shares.push(0.0);
+    }
+    let (shares, was_widened) = enough_samples(&points, &shares);
     let mut proposal = fit(&points, &shares, parameters, how)?;
     let drawn = match how.sampling {
         Sampling::Mixture => draw_mixture(&mut proposal, how),
@@ -106,10 +113,15 @@ fn columns(weights: &Weights, prior: &Prior) -> Result<Vec<Vec<f64>>> {
     Ok(weights.values.iter().map(|row| places.iter().map(|&j| row[j]).collect()).collect())
 }
 
-/// Weights that rest on at least two samples more than there are dimensions (or on all): where fewer
-/// have any, the nearest to them are given the same weight.
+/// How many samples are to have weight, so that they show the shape of a place in so many dimensions.
+fn least_samples(dimensions: usize) -> usize {
+    dimensions + 2
+}
+
+/// Weights that rest on at least as many samples as [`least_samples`] says: where fewer have any, the
+/// nearest to them are given the same weight.
 fn enough_samples(points: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, bool) {
-    let least = (points[0].len() + 2).min(points.len());
+    let least = least_samples(points[0].len());
     let ess = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
     if ess >= least as f64 - 1e-9 {
         return (weights.to_vec(), false);
@@ -243,7 +255,11 @@ fn draw_slice(
 ) -> Result<Vec<Vec<f64>>> {
     let d = proposal.parameters().len();
     let scores: Vec<f64> = points.iter().map(|z| proposal.ln_mixture(z)).collect();
-    let ln_threshold = mean(&scores, shares) - deviation * sd(&scores, shares);
+    // The mean score of a Gaussian is d/2 below its peak. Samples that all stand at one place have no
+    // other score than the peak, and the slice would be empty.
+    let highest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let ln_threshold =
+        (mean(&scores, shares) - deviation * sd(&scores, shares)).min(highest - 0.5 * d as f64);
     let count = proposal.components().count() as f64;
     let ellipsoids: Vec<_> = proposal
         .components()

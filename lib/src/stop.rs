@@ -81,14 +81,31 @@ const BAD_ERROR: f64 = 0.1;
 /// A posterior that is less narrower than this than its prior has learned little.
 const BLIND: f64 = 0.3;
 
-/// What speaks against trusting a calibration, one sentence each.
+/// The best run misfits by more than so many times what the noise explains: the fit is bad.
+const BAD_MISFIT: f64 = 2.0;
+
+/// What speaks against trusting a calibration that `criteria` stop, one sentence each.
 ///
 /// # Errors
 /// If a quantity in the summary is no number.
-pub fn doubts(summary: &Summary) -> Result<Vec<String>> {
+pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> {
     let mut doubts = Vec::new();
+    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
+    if met == ["best_error"] {
+        let rest = summary.find_number("ensemble_error")?.unwrap_or(f64::NAN);
+        doubts.push(format!(
+            "the stop is by a single sample, {}; the weighted runs together miss by {:.2} % of the range",
+            summary.get("best_sample").unwrap_or("the best"),
+            100.0 * rest
+        ));
+    }
     if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
         doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
+    }
+    if let Some(times) = summary.find_number("best_misfit_over_noise")?.filter(|times| *times > BAD_MISFIT) {
+        doubts.push(format!(
+            "the fit is bad: the best run misfits by {times:.1} times what the noise explains"
+        ));
     }
     if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
         doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));

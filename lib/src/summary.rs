@@ -198,6 +198,8 @@ pub struct Evidence<'a> {
     pub prior_sd: Option<&'a [f64]>,
     /// Number of samples whose run failed.
     pub failed: usize,
+    /// Misfit of each run that the noise alone would make; 0 where the noise is not known.
+    pub expected: &'a [f64],
 }
 
 impl Evidence<'_> {
@@ -228,6 +230,9 @@ impl Evidence<'_> {
         summary.number("ensemble_error", mean(self.errors, &weights));
         summary.number("best_error", self.errors[best]);
         summary.number("best_misfit", self.runs.misfit[best]);
+        if self.expected[best] > 0.0 {
+            summary.number("best_misfit_over_noise", self.runs.misfit[best] / self.expected[best]);
+        }
         summary.text("best_sample", &self.samples[best]);
         summary.number("ln_evidence", self.weighting.ln_evidence);
         for (j, ((name, column), &bounds)) in

@@ -1,6 +1,8 @@
 //! The mixture against scikit-learn's `BayesianGaussianMixture`; the fixtures and the script that made
 //! them are in `tests/oracle`.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::Path;
 

@@ -34,6 +34,22 @@ absent() {
     for file; do [ ! -e "$file" ] || { echo "$file is there"; return 1; }; done
 }
 
+# A SLURM of one node for this test alone, in the folder slurm.
+with_slurm() {
+    needs slurm sbatch slurmctld slurmd munged
+    [ "$(id -u)" = 0 ] || { echo 'a private SLURM needs root' >reason; exit 77; }
+    export SLURM_TEST_DIR=$PWD/slurm SLURM_TEST_CPUS=4
+    # Others on this machine may test too.
+    export SLURM_TEST_PORT=$((20000 + $$ % 5000 * 2))
+    mkdir slurm
+    # munged wants its socket where everybody may look.
+    chmod 755 .
+    trap '"$ROOT/tests/slurm/stop.sh"' EXIT
+    "$ROOT/tests/slurm/start.sh"
+    # shellcheck source=/dev/null
+    . slurm/env.sh
+}
+
 facts() {
     local name folder status failed=0
     for name in $(declare -F | awk '{ print $3 }' | grep -vxFf <(awk '{ print $3 }' <<<"$before")); do

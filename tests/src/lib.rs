@@ -1,6 +1,8 @@
 //! Helpers for tests that run the real binaries.
 
+pub mod calibration;
 pub mod folder;
+pub mod line;
 pub mod withheld;
 
 use std::env;

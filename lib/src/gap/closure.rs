@@ -56,10 +56,11 @@ pub struct Fitted<'a> {
 
 const DRAWS: usize = 400;
 
-/// Predict how far the gap shrinks from one model to another.
+/// Predict how far the gap shrinks from one model to another, should the second be right.
 ///
-/// The real simulation differs from its emulator by what the emulator says it may; that part of the
-/// difference which the parameters can absorb, calibration absorbs.
+/// The real simulation differs from its emulator by what the emulator says it may. Under the second
+/// model the measurement itself tells part of that difference: what is left of it is emulator's error
+/// and noise, in proportion to their variances. The first model's gap tells nothing of it.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
@@ -67,36 +68,46 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     let problem = after.model.problem();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let least = floor(problem, &after.model.nuisances(after.mode.w.as_slice()).0);
-    let (before, after) = (gaps(before, &mut random)?, gaps(after, &mut random)?);
+    let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
     let shrinks: Vec<f64> =
         before.iter().zip(&after).map(|(&before, &after)| 1.0 - left(before, after, least)).collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
 }
 
-/// Gaps that the real simulation may leave where its emulator leaves this one.
-fn gaps(fitted: &Fitted<'_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
-    let problem = fitted.model.problem();
+/// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one. If the
+/// model is `right`, its errors are drawn given the measurement.
+fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+    let (model, problem) = (fitted.model, fitted.model.problem());
     let w = fitted.mode.w.as_slice();
-    let curve = fitted.model.curve(w);
-    let (_, slopes) = fitted.model.gradient(w);
-    let solved = fitted.model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&slopes))?;
+    let curve = model.curve(w);
+    let (_, slopes) = model.gradient(w);
+    let residual = DVector::from_vec(model.residual(fitted.mean));
+    let errors = problem.emulator_errors(&curve.variance);
+    let others = problem.measurement_errors(&model.nuisances(w).0);
+    let drawn = |factor: &DMatrix<f64>, random: &mut ChaCha8Rng| {
+        factor * DMatrix::from_fn(factor.ncols(), DRAWS, |_, _| standard_normal(random))
+    };
+    let mut real = DMatrix::from_fn(residual.len(), DRAWS, |i, _| residual[i]);
+    let error = drawn(&errors, random);
+    real -= &error;
+    if right {
+        // Matheron's rule: a draw, moved by what the measurement says more than the draw.
+        let surprise = &real - drawn(&others, random);
+        let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&surprise))?;
+        real -= &errors * errors.tr_mul(&solved);
+    }
+    // Calibration absorbs what the parameters can, in the metric of the noise alone.
+    let none = vec![0.0; curve.variance.len()];
+    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(&slopes))?;
     let mut information = slopes.tr_mul(&solved);
     for i in 0..information.nrows() {
         information[(i, i)] += 1.0;
     }
     let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
-    let root = DVector::from_iterator(curve.variance.len(), curve.variance.iter().map(|v| v.max(0.0).sqrt()));
-    let errors = problem.predictor.basis() * DMatrix::from_diagonal(&root) * problem.correlation();
-    Ok((0..DRAWS)
-        .map(|_| {
-            let draw = DVector::from_fn(errors.ncols(), |_, _| standard_normal(random));
-            let mut error = &errors * draw;
-            error -= &slopes * factor.solve(&solved.tr_mul(&error));
-            let real: Vec<f64> = fitted.mean.iter().zip(error.iter()).map(|(y, e)| y + e).collect();
-            gap(problem, &real)
-        })
-        .collect())
+    real -= &slopes * factor.solve(&solved.tr_mul(&real));
+    let seen = DVector::from_column_slice(&problem.observed);
+    Ok(real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect())
 }
 
 #[cfg(test)]

@@ -21,14 +21,14 @@ pub struct Stretch {
     pub observable: usize,
     /// Its steps.
     pub steps: Range<usize>,
-    /// Measurement minus posterior mean over the stretch, in units of the observable.
+    /// Measurement minus posterior mean, averaged over the stretch, in units of the observable.
     pub gap: f64,
     /// Standard deviation of `gap` from noise, posterior spread and scatter.
     pub gap_sd: f64,
     /// `gap / gap_sd`.
     pub z: f64,
-    /// Part of the total squared gap in excess of what noise and posterior spread explain, in [0, 1];
-    /// 0 throughout if no stretch is significant.
+    /// Part of the total squared gap, in units of the noise and in excess of `gap_sd`², in [0, 1]; 0
+    /// throughout if no stretch is significant.
     pub share: f64,
     /// Whether it stands out of what the whole axis would show without a gap.
     pub significant: bool,
@@ -60,7 +60,8 @@ const MOST_INTERVALS: usize = 12;
 /// from zero is taken as having a gap if it stands out of what the same search finds in replicates
 /// that have none: this allows for having chosen the cuts, for the number of stretches, for the
 /// correlation, and for the noise having been estimated. Its height is left free, and the search
-/// goes on until nothing stands out. The axis is cut at the ends of the intervals found.
+/// goes on until nothing stands out. The axis is cut at the ends of the intervals found, and the mean
+/// gap of each stretch is given, which must stand out, too.
 ///
 /// # Errors
 /// If the ensemble has no runs or other steps than the measurement, or there are too few steps to
@@ -124,8 +125,8 @@ impl Problem {
             searched.set_free(&interval);
             found.push(interval);
         }
-        let stretches = self.stretches(&precision, &found, &gap, threshold);
-        Ok(self.with_shares(stretches, &noises, &gap))
+        let stretches = self.stretches(&precision, &noises, &found, &gap, threshold);
+        Ok(self.with_shares(stretches, &noises))
     }
 
     /// What the deviation of the most deviant interval exceeds, without a gap, in few replicates.
@@ -154,6 +155,7 @@ impl Problem {
     fn stretches(
         &self,
         precision: &Precision,
+        noises: &[Noise],
         found: &[Interval],
         gap: &[f64],
         threshold: f64,
@@ -186,38 +188,50 @@ impl Problem {
         parts
             .into_iter()
             .zip(heights)
-            .map(|((interval, inside), height)| Stretch {
-                observable: interval.observable,
-                steps: interval.steps,
-                gap: height.gap,
-                gap_sd: height.sd,
-                z: height.gap / height.sd,
-                share: 0.0,
-                significant: inside && (height.gap / height.sd).abs() > threshold,
+            .map(|((interval, inside), height)| {
+                let mean = self.mean(noises, &interval, gap);
+                let z = mean.gap / mean.sd;
+                // What stands out only beside a spread that the posterior still has is not said to:
+                // another draw of it may turn it round.
+                let stands_out =
+                    (height.gap / height.sd).abs() > threshold && z * height.gap > 0.0 && z.abs() > 2.0;
+                Stretch {
+                    observable: interval.observable,
+                    steps: interval.steps,
+                    gap: mean.gap,
+                    gap_sd: mean.sd,
+                    z,
+                    share: 0.0,
+                    significant: inside && stands_out,
+                }
             })
             .collect()
     }
 
-    /// Share out the squared gap, in units of noise, in excess of what noise and spread explain.
-    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise], gap: &[f64]) -> Vec<Stretch> {
+    /// Mean gap of an interval, and its standard deviation from noise and posterior spread.
+    fn mean(&self, noises: &[Noise], interval: &Interval, gap: &[f64]) -> Height {
+        let steps = gap.len() / self.scales.len();
+        let start = interval.observable * steps;
+        let inside = start + interval.steps.start..start + interval.steps.end;
+        let mean = |values: &[f64]| values[inside.clone()].iter().sum::<f64>() / inside.len() as f64;
+        let noise = noises[interval.observable].mean_variance(interval.steps.clone());
+        let spread: f64 = self.directions.iter().map(|direction| mean(direction).powi(2)).sum();
+        Height { gap: mean(gap), sd: (noise + spread).sqrt() }
+    }
+
+    /// Share out the squared gap, in units of the noise, in excess of what its own uncertainty explains.
+    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise]) -> Vec<Stretch> {
         if !stretches.iter().any(|stretch| stretch.significant) {
             return stretches;
         }
-        let steps = gap.len() / self.scales.len();
         let excess = |stretch: &Stretch| -> f64 {
-            let at = |step: usize| {
-                let i = stretch.observable * steps + step;
-                let noise = noises[stretch.observable].sd[step].powi(2);
-                let spread: f64 = self.directions.iter().map(|d| d[i] * d[i]).sum();
-                (gap[i] * gap[i] - noise - spread) / noise
-            };
-            stretch.steps.clone().map(at).sum::<f64>().max(0.0)
+            let sd = &noises[stretch.observable].sd[stretch.steps.clone()];
+            let square = (stretch.gap.powi(2) - stretch.gap_sd.powi(2)).max(0.0);
+            sd.iter().map(|sd| square / (sd * sd)).sum()
         };
         let excesses: Vec<f64> = stretches.iter().map(excess).collect();
         let total: f64 = excesses.iter().sum();
-        if total > 0.0 {
-            stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
-        }
+        stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
         stretches
     }
 }

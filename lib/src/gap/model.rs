@@ -48,7 +48,7 @@ pub struct Curve {
 const LN_NOISE: (f64, f64) = (-9.21, -0.69);
 
 /// Smallest amplitude of a discrepancy in noise and scatter; the largest is the range.
-const SMALLEST_AMPLITUDE: f64 = 0.3;
+const SMALLEST_AMPLITUDE: f64 = 0.1;
 
 impl<'a> Model<'a> {
     /// The model of a hypothesis, with a discrepancy or without.

@@ -71,6 +71,19 @@ impl Noise {
         Self { sd: sd.to_vec(), phi: phi.clamp(0.0, HIGHEST_PHI) }
     }
 
+    /// Variance of the mean over some steps.
+    pub fn mean_variance(&self, steps: std::ops::Range<usize>) -> f64 {
+        let count = steps.len() as f64;
+        // Σᵢⱼ sdᵢ sdⱼ φ^|i−j|, with the sum over i < j carried along.
+        let (mut total, mut before) = (0.0, 0.0);
+        for sd in &self.sd[steps] {
+            before *= self.phi;
+            total += sd * sd + 2.0 * sd * before;
+            before += sd;
+        }
+        total / (count * count)
+    }
+
     /// A draw of the noise, shape (steps,).
     pub fn draw(&self, rng: &mut impl Rng) -> Vec<f64> {
         let innovation = (1.0 - self.phi * self.phi).sqrt();

@@ -25,6 +25,8 @@ pub struct Problem<'a> {
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
+    /// Name of the control.
+    pub control_name: String,
     /// The control.
     pub path: Path,
     /// Standard deviation of the noise of every reading, shape (observables · steps); estimated
@@ -52,7 +54,7 @@ const SMALL: f64 = 0.15;
 
 /// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
 /// the normal distribution.
-const HEAVY_TAILS: f64 = 2.0;
+const HEAVY_TAILS: f64 = 4.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
@@ -108,8 +110,11 @@ impl<'a> Problem<'a> {
             .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
             .collect();
         let covariance = noise.as_ref().map(|noise| {
-            let diagonal: Vec<f64> =
-                noise.iter().zip(predictor.left_over()).map(|(sd, rest)| sd * sd + rest).collect();
+            let diagonal: Vec<f64> = noise
+                .iter()
+                .zip(predictor.left_over())
+                .map(|(sd, rest)| sd * sd + HEAVY_TAILS * rest)
+                .collect();
             Covariance::new(&diagonal, &patterns, &correlation)
         });
         Ok(Self {
@@ -119,6 +124,7 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
+            control_name: observations.control_name.clone(),
             path,
             noise,
             scatter,
@@ -136,9 +142,39 @@ impl<'a> Problem<'a> {
         self.path.control().len()
     }
 
-    /// Lower factor of the correlation of the components' errors, shape (components, components).
-    pub fn correlation(&self) -> &DMatrix<f64> {
-        &self.correlation
+    /// A factor of the covariance of the emulator's error at the variances of its components, with
+    /// what the components leave out, shape (readings, components + readings).
+    pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
+        let variance: Vec<f64> =
+            component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
+        let rest: Vec<f64> =
+            self.predictor.left_over().iter().map(|rest| (HEAVY_TAILS * rest).sqrt()).collect();
+        self.factor(&variance, &rest)
+    }
+
+    /// A factor of the covariance of noise and scatter, in the same shape; `noise` as shares of the
+    /// ranges where it is estimated.
+    pub fn measurement_errors(&self, noise: &[f64]) -> DMatrix<f64> {
+        let steps = self.steps();
+        let estimated = |i: usize| noise[i / steps] * self.ranges[i / steps];
+        let sd: Vec<f64> = (0..self.observed.len())
+            .map(|i| self.noise.as_ref().map_or_else(|| estimated(i), |sd| sd[i]))
+            .collect();
+        let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
+        self.factor(&variance, &sd)
+    }
+
+    /// Correlated components of these variances, and independent readings of these deviations.
+    fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
+        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
+        factor
+            .columns_mut(0, variance.len())
+            .copy_from(&(self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation));
+        for (i, sd) in sd.iter().enumerate() {
+            factor[(i, variance.len() + i)] = *sd;
+        }
+        factor
     }
 
     /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of
@@ -163,7 +199,7 @@ impl<'a> Problem<'a> {
                     .left_over()
                     .iter()
                     .enumerate()
-                    .map(|(i, rest)| rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
+                    .map(|(i, rest)| HEAVY_TAILS * rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
                     .collect();
                 estimated = Covariance::new(&diagonal, &self.patterns, &self.correlation);
                 &estimated

@@ -18,11 +18,12 @@ struct Form {
 }
 
 impl Comparison<'_> {
-    /// Read an ensemble table and write the misfit table, `sample step misfit error readings`, a few
-    /// megabytes at a time: memory does not grow with the number of runs.
+    /// Read an ensemble table and write the misfit table, `sample step misfit error readings expected`,
+    /// a few megabytes at a time: memory does not grow with the number of runs.
     ///
     /// `readings` is the number of independent readings that a row stands for, so that their sum over
-    /// a run says how many there are to estimate the noise from; 0 where the noise is known.
+    /// a run says how many there are to estimate the noise from; 0 where the noise is known. There
+    /// `expected` is a row's share of the misfit that this noise alone would make, else 0.
     ///
     /// # Errors
     /// If the table cannot be read or written, or a run does not have the steps of the measurement.
@@ -37,7 +38,7 @@ impl Comparison<'_> {
             steps: self.steps.clone().map(|step| format!("\t{step}\t").into_bytes()).collect(),
         };
         output
-            .write_all(b"sample\tstep\tmisfit\terror\treadings\n")
+            .write_all(b"sample\tstep\tmisfit\terror\treadings\texpected\n")
             .context("the misfits cannot be written")?;
         table.for_each(
             |piece, format| self.piece(piece, format, &form),
@@ -119,10 +120,13 @@ impl Comparison<'_> {
     }
 
     fn write_rows(&self, sample: &str, run: &RunMisfit, steps: &[Vec<u8>], output: &mut Vec<u8>) {
-        let share = if self.covariance.is_noise { 0.0 } else { run.readings / run.misfit.len() as f64 };
-        let mut readings = Vec::new();
-        push_number(&mut readings, share);
-        readings.push(b'\n');
+        let (readings, expected) =
+            if self.covariance.is_noise { (0.0, run.expected) } else { (run.readings, 0.0) };
+        let mut tail = Vec::new();
+        push_number(&mut tail, readings / run.misfit.len() as f64);
+        tail.push(b'\t');
+        push_number(&mut tail, expected / run.misfit.len() as f64);
+        tail.push(b'\n');
         for ((step, misfit), error) in steps.iter().zip(&run.misfit).zip(&run.error) {
             output.extend_from_slice(sample.as_bytes());
             output.extend_from_slice(step);
@@ -130,7 +134,7 @@ impl Comparison<'_> {
             output.push(b'\t');
             push_number(output, *error);
             output.push(b'\t');
-            output.extend_from_slice(&readings);
+            output.extend_from_slice(&tail);
         }
     }
 }

@@ -22,6 +22,8 @@ pub struct Misfits {
     by_step: Option<Vec<f64>>,
     /// Independent readings of each run to estimate the noise from; 0 where the noise is known.
     pub readings: Vec<f64>,
+    /// Misfit of each run that the noise alone would make, shape (runs,); 0 where it is not known.
+    pub expected: Vec<f64>,
 }
 
 /// What one piece of the table holds.
@@ -34,10 +36,20 @@ struct Piece {
     misfit: Vec<f64>,
     error: Vec<f64>,
     readings: Vec<f64>,
+    expected: Vec<f64>,
+}
+
+/// What every row of a run ends with: its text, and its shares of the readings and the expected misfit.
+#[derive(Clone, Copy, Default)]
+struct Tail<'a> {
+    text: &'a str,
+    readings: f64,
+    expected: f64,
 }
 
 impl Misfits {
-    /// Read misfit tables, `sample step misfit error` and optionally `readings`, as one.
+    /// Read misfit tables, `sample step misfit error` and optionally `readings` and `expected`,
+    /// as one.
     ///
     /// Without a column `readings` each step counts as one reading. The misfits of the single steps are
     /// kept only for [`Misfits::total_up_to`], where `by_step` asks for it.
@@ -65,9 +77,9 @@ impl Misfits {
             format.column("misfit")?,
             format.column("error")?,
         ];
-        let readings = format.find("readings")?;
+        let optional = [format.find("readings")?, format.find("expected")?];
         table.for_each(
-            |piece, format| read_piece(piece, format, columns, readings),
+            |piece, format| read_piece(piece, format, columns, optional),
             |piece| {
                 let mut from = 0;
                 for (i, (sample, length)) in piece.samples.into_iter().zip(piece.lengths).enumerate() {
@@ -86,6 +98,7 @@ impl Misfits {
                     }
                     self.samples.push(sample);
                     self.readings.push(piece.readings[i]);
+                    self.expected.push(piece.expected[i]);
                     self.total.push(piece.misfit[from..from + length].iter().sum());
                     let error: f64 = piece.error[from..from + length].iter().sum();
                     self.mean_error.push(error / length as f64);
@@ -123,19 +136,17 @@ fn read_piece(
     piece: &str,
     format: &Format,
     columns: [usize; 4],
-    readings: Option<usize>,
+    [readings, expected]: [Option<usize>; 2],
 ) -> Result<Piece, Flaw> {
     let [sample, step, misfit, error] = columns;
-    let is_plain = format.is_tabbed() && format.columns().len() == 5;
-    let is_plain = is_plain && columns == [0, 1, 2, 3] && readings == Some(4);
+    let is_plain = format.is_tabbed() && format.columns().len() == 6;
+    let is_plain = is_plain && columns == [0, 1, 2, 3] && (readings, expected) == (Some(4), Some(5));
     let mut runs = Piece::default();
     let mut fields = Vec::new();
-    let (mut name, mut last_share) = ("", ("", 0.0));
+    let (mut name, mut tail) = ("", Tail::default());
     let mut rows = PieceRows::new(piece);
     loop {
-        if is_plain
-            && !runs.samples.is_empty()
-            && rows.plain(|row| runs.plain_row(row, name, last_share)).is_some()
+        if is_plain && !runs.samples.is_empty() && rows.plain(|row| runs.plain_row(row, name, tail)).is_some()
         {
             continue;
         }
@@ -153,9 +164,12 @@ fn read_piece(
             runs.begin(name);
         }
         let (misfit, error) = (value(misfit)?, value(error)?);
-        let share = readings.map_or(Ok(1.0), value)?;
-        runs.push(place, misfit, error, share);
-        last_share = (readings.map_or("", |column| fields[column]), share);
+        tail.readings = readings.map_or(Ok(1.0), value)?;
+        tail.expected = expected.map_or(Ok(0.0), value)?;
+        if is_plain {
+            tail.text = row.splitn(5, '\t').nth(4).unwrap_or("");
+        }
+        runs.push(place, misfit, error, tail);
     }
 }
 
@@ -164,27 +178,28 @@ impl Piece {
         self.samples.push(sample.to_owned());
         self.lengths.push(0);
         self.readings.push(0.0);
+        self.expected.push(0.0);
     }
 
     /// Add a step to the last run.
-    fn push(&mut self, step: usize, misfit: f64, error: f64, share: f64) {
+    fn push(&mut self, step: usize, misfit: f64, error: f64, tail: Tail<'_>) {
         self.steps.push(step);
         self.misfit.push(misfit);
         self.error.push(error);
-        if let (Some(length), Some(readings)) = (self.lengths.last_mut(), self.readings.last_mut()) {
-            *length += 1;
-            *readings += share;
-        }
+        let last = self.lengths.len() - 1;
+        self.lengths[last] += 1;
+        self.readings[last] += tail.readings;
+        self.expected[last] += tail.expected;
     }
 
-    /// Add a row that is written as the one before it: the same sample and the same share of readings.
-    fn plain_row(&mut self, row: &mut Cursor<'_>, sample: &str, (text, share): (&str, f64)) -> Option<()> {
+    /// Add a row that is written as the one before it: the same sample and the same tail.
+    fn plain_row(&mut self, row: &mut Cursor<'_>, sample: &str, tail: Tail<'_>) -> Option<()> {
         row.skip(sample.as_bytes())?;
         row.skip(b"\t")?;
         let (step, misfit, error) = (row.count(b'\t')?, row.number(b'\t')?, row.number(b'\t')?);
-        row.skip(text.as_bytes())?;
+        row.skip(tail.text.as_bytes())?;
         row.skip(b"\n")?;
-        self.push(step, misfit, error, share);
+        self.push(step, misfit, error, tail);
         Some(())
     }
 }

@@ -7,7 +7,9 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use gl::table::TableWriter;
 use pipelines::withheld::bench::Bench;
-use pipelines::withheld::score::{Scored, Share, calibration_error, read, reliability};
+use pipelines::withheld::score::{
+    Scored, Share, calibration_error, of_effects, of_first_rows, read, reliability, shrink_coverage,
+};
 use pipelines::withheld::{diagnose, generate};
 
 /// How often the diagnosis is right, on measurements whose effect it is not told
@@ -117,15 +119,24 @@ fn score(cases: &[Scored]) -> Result<()> {
         table.number(share(&|case| !case.is_right() && !case.names_wrong()));
         table.number(share(&|case| case.names_wrong() && case.probability > 0.9)).end_row()?;
     }
-    for (stated, right) in reliability(cases) {
-        table.text(&format!("stated {stated:.3}")).number(right.all as f64).number(right.of as f64);
-        table.text("-").text("-").text("-").end_row()?;
-    }
-    let seen: Vec<Scored> =
-        cases.iter().filter(|c| c.truth == "none" || c.visibility >= 0.5).cloned().collect();
-    for (name, cases) in [("all", cases), ("visible or none", &seen)] {
-        table.text(&format!("calibration error, {name}: {:.4}", calibration_error(cases)));
-        table.number(cases.len() as f64).text("-").text("-").text("-").text("-").end_row()?;
+    let so = shrink_coverage(cases);
+    table.text("predicted shrink holds").number(so.all as f64).number(so.of as f64);
+    table.text("-").text("-").text("-").end_row()?;
+    let is_seen = |case: &&Scored| {
+        case.truth == "none" || if case.truth.contains('+') { case.least } else { case.visibility } >= 0.5
+    };
+    let statements = [
+        ("first rows", of_first_rows(cases.iter())),
+        ("first rows, none or all effects visible from 0.5", of_first_rows(cases.iter().filter(is_seen))),
+        ("every candidate effect", of_effects(cases)),
+    ];
+    for (name, statements) in &statements {
+        table.text(&format!("{name}: calibration error {:.3}", calibration_error(statements)));
+        table.number(statements.len() as f64).text("-").text("-").text("-").text("-").end_row()?;
+        for (stated, came) in reliability(statements) {
+            table.text(&format!("{name}: stated {stated:.2}")).number(came.all as f64).number(came.of as f64);
+            table.text("-").text("-").text("-").end_row()?;
+        }
     }
     table.finish()
 }

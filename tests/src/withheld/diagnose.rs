@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
-use gl::emulator::{Emulator, Options};
-use gl::gap::attribution::attribute;
+use gl::emulator::Emulator;
+use gl::gap::closure::Shrink;
+use gl::gap::diagnosis;
+use gl::gap::diagnosis::{emulate, shrink};
 use gl::gap::hypothesis::Candidate;
-use gl::gap::problem::Problem;
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
 use gl::table::{Table, TableWriter};
@@ -48,8 +49,7 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
         let left_out = (without != "-").then_some(without);
         let (samples, ensemble) = bench.design(left_out, runs_an_input, seed)?;
         let prior = bench.prior_without(left_out);
-        let options = Options { noise: Some(finest.clone()), max_components: 20, ..Options::default() };
-        let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
+        let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), seed)?;
         emulators.insert(without.to_owned(), (prior, emulator));
     }
     let verdicts = (0..list.len())
@@ -59,37 +59,55 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
             let observations = &measurements[row];
             let candidates = prior.effects().into_iter().map(Candidate::Simulated).collect();
             let noise = observations.noise(&ByName::default())?;
-            let problem = Problem::new(emulator, prior, candidates, observations, noise, 1.0)?;
-            attribute(&problem, 2, seed)
+            let problem = diagnosis::problem(emulator, prior, candidates, observations, noise, 1.0)?;
+            let diagnosis = diagnosis::diagnose(&problem, 2, seed)?;
+            let explanations = &diagnosis.attribution.explanations;
+            let first = diagnosis.rows[0].explanation.map(|place| &explanations[place]);
+            let named = first.filter(|first| !first.hypothesis.is_empty());
+            let closes = named.map(|named| shrink(&problem, explanations, named, seed)).transpose()?;
+            Ok((diagnosis, closes))
         })
         .collect::<Result<Vec<_>>>()?;
-    let columns = ["case", "first", "probability", "unexplained", "nearest", "all"];
+    let columns = [
+        "case",
+        "first",
+        "probability",
+        "unexplained",
+        "nearest",
+        "shrink",
+        "shrink_low",
+        "shrink_high",
+        "effects",
+        "closer_look",
+    ];
     let mut table = TableWriter::create(Some(&dir.join("verdicts.tsv")), &columns)?;
-    for (row, verdict) in verdicts.iter().enumerate() {
-        let best = &verdict.explanations[0];
-        let (first, probability) = if verdict.unexplained > best.probability {
-            ("unexplained", verdict.unexplained)
-        } else {
-            (best.name.as_str(), best.probability)
-        };
-        let all: Vec<String> = verdict
+    for (row, (diagnosis, closes)) in verdicts.iter().enumerate() {
+        let (first, attribution) = (&diagnosis.rows[0], &diagnosis.attribution);
+        table
+            .text(list.field(row, 0))
+            .text(&first.name)
+            .numbers(&[first.probability, attribution.unexplained]);
+        table.text(&attribution.nearest);
+        let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
+        table.numbers(&[closes.median, closes.low, closes.high]);
+        let effects: Vec<String> =
+            diagnosis.effects.iter().map(|(name, probability)| format!("{name}={probability:.4}")).collect();
+        let looks: Vec<String> = attribution
             .explanations
             .iter()
-            .filter(|e| e.fits.is_some())
-            .map(|e| {
-                format!(
-                    "{}:p={:.3},lnZ={:.1}±{:.2},d={:+.1},fit={:.4}",
+            .filter_map(|e| {
+                let (ln, fits) = (e.with_discrepancy?, e.fits?);
+                let found = &e.evidence;
+                Some(format!(
+                    "{}: {:.1} ± {:.2}, {:+.1}, fits {fits:.4}",
                     e.name,
-                    e.probability,
-                    e.evidence.ln,
-                    e.evidence.error,
-                    e.with_discrepancy.unwrap_or(f64::NAN) - e.evidence.ln,
-                    e.fits.unwrap_or(f64::NAN)
-                )
+                    found.ln,
+                    found.error,
+                    ln - found.ln
+                ))
             })
             .collect();
-        table.text(list.field(row, 0)).text(first).number(probability).number(verdict.unexplained);
-        table.text(&verdict.nearest).text(&all.join(";")).end_row()?;
+        table.text(&effects.join(",")).text(&looks.join("; ")).end_row()?;
     }
     table.finish()
 }

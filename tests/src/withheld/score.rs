@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use gl::table::Table;
 
 /// A verdict beside its answer.
@@ -22,6 +22,12 @@ pub struct Scored {
     pub first: String,
     /// Its probability.
     pub probability: f64,
+    /// Predicted shrink of the gap, 5 and 95 %, if the first row is an effect.
+    pub predicted: (f64, f64),
+    /// Measured shrink, by recalibrating the world with what is behind the measurement.
+    pub shrink: f64,
+    /// Candidates, and their stated probability to be in.
+    pub effects: Vec<(String, f64)>,
 }
 
 impl Scored {
@@ -67,6 +73,16 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,
+            predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
+            shrink: number(&answers, "shrink")?,
+            effects: text(&verdicts, "effects")?
+                .split(',')
+                .map(|pair| {
+                    let (name, probability) =
+                        pair.split_once('=').context("an effect without probability")?;
+                    Ok((name.to_owned(), probability.parse()?))
+                })
+                .collect::<Result<_>>()?,
         });
     }
     Ok(scored)
@@ -96,22 +112,50 @@ impl Share {
     }
 }
 
-/// Stated probability of the first row, and how often it is right, in ten bins: (mean stated, right).
-pub fn reliability(cases: &[Scored]) -> Vec<(f64, Share)> {
+/// A stated probability, and whether it came true.
+pub type Statement = (f64, bool);
+
+/// What the first rows state.
+pub fn of_first_rows<'a>(cases: impl Iterator<Item = &'a Scored>) -> Vec<Statement> {
+    cases.map(|case| (case.probability, case.is_right())).collect()
+}
+
+/// What is stated about every candidate effect.
+pub fn of_effects(cases: &[Scored]) -> Vec<Statement> {
+    let is_in =
+        |case: &Scored, name: &str| !case.withheld && case.truth.split('+').any(|truth| truth == name);
+    cases
+        .iter()
+        .flat_map(|case| case.effects.iter().map(move |(name, stated)| (*stated, is_in(case, name))))
+        .collect()
+}
+
+/// Mean of what was stated, and how often it came true, in ten bins.
+pub fn reliability(statements: &[Statement]) -> Vec<(f64, Share)> {
     (0..10)
         .filter_map(|bin| {
-            let inside = |case: &&Scored| ((case.probability * 10.0) as usize).min(9) == bin;
-            let members: Vec<&Scored> = cases.iter().filter(inside).collect();
-            let stated = members.iter().map(|case| case.probability).sum::<f64>() / members.len() as f64;
-            (!members.is_empty()).then(|| (stated, Share::count(members.iter().copied(), Scored::is_right)))
+            let members: Vec<&Statement> =
+                statements.iter().filter(|(stated, _)| ((stated * 10.0) as usize).min(9) == bin).collect();
+            let stated = members.iter().map(|(stated, _)| stated).sum::<f64>() / members.len() as f64;
+            let of = members.iter().filter(|(_, came)| *came).count();
+            (!members.is_empty()).then_some((stated, Share { of, all: members.len() }))
         })
         .collect()
 }
 
-/// Expected calibration error: mean over cases of |stated − right| by bin.
-pub fn calibration_error(cases: &[Scored]) -> f64 {
-    reliability(cases)
+/// Expected calibration error: mean over statements of |stated − came true| by bin.
+pub fn calibration_error(statements: &[Statement]) -> f64 {
+    reliability(statements)
         .iter()
-        .map(|(stated, right)| (stated - right.value()).abs() * right.all as f64 / cases.len() as f64)
+        .map(|(stated, came)| (stated - came.value()).abs() * came.all as f64 / statements.len() as f64)
         .sum()
+}
+
+/// How often the predicted interval of the shrink holds, where the right effects come first.
+pub fn shrink_coverage(cases: &[Scored]) -> Share {
+    let named = cases.iter().filter(|case| case.is_right() && !case.withheld && case.truth != "none");
+    // To the digits of a report: an interval may end at 1 exactly.
+    Share::count(named, |case| {
+        case.predicted.0 - 1e-3 <= case.shrink && case.shrink <= case.predicted.1 + 1e-3
+    })
 }

@@ -62,12 +62,12 @@ fn run(args: &Args) -> Result<bool> {
         return Ok(false);
     }
     note("gl-check-stop", format_args!("stop, by {}", met.join(" and ")));
-    for doubt in doubts(&summary)? {
+    for doubt in doubts(&summary, &criteria)? {
         note("gl-check-stop", doubt);
     }
     Ok(true)
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-check-stop", run(&Args::parse()))
+    gl::cli::finish("gl-check-stop", run(&gl::cli::parse()))
 }

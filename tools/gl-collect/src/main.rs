@@ -116,5 +116,5 @@ fn report_failures(samples: &Samples, collected: &Collected, max_failed: f64) ->
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-collect", run(&Args::parse()))
+    gl::cli::finish("gl-collect", run(&gl::cli::parse()))
 }

@@ -63,5 +63,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-contact", run(&Args::parse()))
+    gl::cli::finish("gl-contact", run(&gl::cli::parse()))
 }

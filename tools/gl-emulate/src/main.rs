@@ -113,5 +113,5 @@ fn note(message: impl std::fmt::Display) {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-emulate", run(&Args::parse()))
+    gl::cli::finish("gl-emulate", run(&gl::cli::parse()))
 }

@@ -113,6 +113,7 @@ fn run(args: &Args) -> Result<()> {
         bounds: &bounds,
         prior_sd: prior_sd.as_deref(),
         failed: samples.len() - misfits.len(),
+        expected: &misfits.expected,
     };
     let mut summary = evidence.summary()?;
     if let Some(Sigma(Target::Sigma(sigma))) = args.sigma_min {
@@ -248,5 +249,5 @@ fn write_history(
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-filter", run(&Args::parse()))
+    gl::cli::finish("gl-filter", run(&gl::cli::parse()))
 }

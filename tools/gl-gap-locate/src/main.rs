@@ -82,5 +82,5 @@ fn write(path: Option<&Path>, stretches: &[Stretch], observations: &Observations
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-locate", run(&Args::parse()))
+    gl::cli::finish("gl-gap-locate", run(&gl::cli::parse()))
 }

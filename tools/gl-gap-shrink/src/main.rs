@@ -107,5 +107,5 @@ fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Res
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-shrink", run(&Args::parse()))
+    gl::cli::finish("gl-gap-shrink", run(&gl::cli::parse()))
 }

@@ -25,7 +25,7 @@ struct Args {
     /// Number of samples
     #[arg(short, long, value_name = "N")]
     num: usize,
-    /// Components of the mixture at the most; 1 for every 10 samples, up to 10, when absent
+    /// Components of the mixture at the most; when absent, as many as the effective samples can show, up to 10
     #[arg(long, value_name = "K")]
     components: Option<usize>,
     /// Shape of the components
@@ -38,7 +38,7 @@ struct Args {
     #[arg(long, value_enum, default_value = "slice")]
     sampling: SamplingName,
     /// How far below the mean score a slice reaches, in standard deviations of the scores
-    #[arg(long, value_name = "D", default_value_t = 2.0)]
+    #[arg(long, value_name = "D", default_value_t = 3.0)]
     deviation: f64,
     /// Seed; the same seed gives the same samples on every machine
     #[arg(long, default_value_t = 0)]
@@ -89,7 +89,7 @@ fn run(args: &Args) -> Result<()> {
     let weights = Weights::read(&args.weights)?;
     let how = Resampling {
         count: args.num,
-        components: args.components.unwrap_or_else(|| (weights.len() / 10).clamp(1, 10)),
+        components: args.components.unwrap_or_else(|| default_components(&weights)),
         covariance: match args.covariance {
             Shape::Full => CovarianceType::Full,
             Shape::Tied => CovarianceType::Tied,
@@ -115,6 +115,14 @@ fn run(args: &Args) -> Result<()> {
         .write(args.output.as_deref(), args.threads)
 }
 
+/// As many components as the runs that hold the weight can show: three times d + 1 for each, with d
+/// parameters, up to ten components.
+fn default_components(weights: &Weights) -> usize {
+    let ess_runs = 1.0 / weights.weight.iter().map(|w| w * w).sum::<f64>();
+    let shown = ess_runs / (3 * (weights.varying() + 1)) as f64;
+    (shown as usize).clamp(1, 10)
+}
+
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gmm-resample", run(&Args::parse()))
+    gl::cli::finish("gl-gmm-resample", run(&gl::cli::parse()))
 }

@@ -71,5 +71,5 @@ fn covariance(args: &Args, observations: &Observations) -> Result<Covariance> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-likelihood", run(&Args::parse()))
+    gl::cli::finish("gl-likelihood", run(&gl::cli::parse()))
 }

@@ -150,5 +150,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-plot", run(&Args::parse()))
+    gl::cli::finish("gl-plot", run(&gl::cli::parse()))
 }

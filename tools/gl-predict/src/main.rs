@@ -62,5 +62,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-predict", run(&Args::parse()))
+    gl::cli::finish("gl-predict", run(&gl::cli::parse()))
 }

@@ -112,5 +112,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-sample", run(&Args::parse()))
+    gl::cli::finish("gl-sample", run(&gl::cli::parse()))
 }

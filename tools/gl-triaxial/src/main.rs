@@ -51,5 +51,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-triaxial", run(&Args::parse()))
+    gl::cli::finish("gl-triaxial", run(&gl::cli::parse()))
 }

@@ -1,0 +1,57 @@
+#!/bin/bash
+# shellcheck source-path=SCRIPTDIR source=harness.sh
+. "$(dirname "$0")/harness.sh"
+
+# The commands of a page, in a copy of the project: its blocks that are marked ```sh run, one after another,
+# each from the top. What is built is taken as it is.
+with_commands_of() {
+    local blocks block
+    mkdir bin docs
+    printf '#!/bin/sh\n' >bin/cargo
+    chmod +x bin/cargo
+    cp -r "$ROOT"/{Makefile,README.md,scripts,examples,tools} .
+    mkdir -p target
+    ln -s "${GL_BIN:-$ROOT/target/release}" target/release
+    export PATH=$PWD/bin:$PWD/target/release:$PWD/scripts:$PATH
+    awk -v to="block" '
+        /^ *```/ { if (on) on = 0; else if ($0 ~ /^ *```sh run$/) { on = 1; file = sprintf("%s%02d.sh", to, ++count) } else if (!skip) skip = 1; else skip = 0; next }
+        on { print >file }
+    ' "$ROOT/$1"
+    blocks=(block*.sh)
+    [ -e "${blocks[0]}" ] || { echo "no command in $1"; return 1; }
+    for block in "${blocks[@]}"; do
+        bash -euo pipefail "$block" >output 2>&1 || { cat "$block" output; return 1; }
+    done
+}
+
+commands_of_the_readme_run() { with_commands_of README.md; }
+commands_of_the_tutorial_run() {
+    with_commands_of docs/tutorial.md
+    [ -s out/collision/report.html ] && [ -s out/contact-effects-diagnosis/report.html ]
+}
+commands_on_tables_run() { with_commands_of docs/tables.md; }
+commands_on_calibration_run() { with_commands_of docs/calibration.md; }
+commands_on_stop_criteria_run() { with_commands_of docs/stop-criteria.md; }
+commands_on_diagnosis_run() { with_commands_of docs/diagnosis.md; }
+commands_on_yade_scripts_run() { needs python3 python3; with_commands_of docs/yade-script.md; }
+commands_on_other_simulators_run() { with_commands_of docs/other-simulators.md; }
+commands_on_grainlearning_run() { needs python3 python3; with_commands_of docs/coming-from-grainlearning.md; }
+
+links_of_the_pages_lead_somewhere() {
+    local page link
+    for page in "$ROOT"/README.md "$ROOT"/docs/*.md; do
+        while read -r link; do
+            [ -e "$(dirname "$page")/${link%%#*}" ] || { echo "$page: $link"; return 1; }
+        done < <(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//' | grep -v -e '^http' -e '^#')
+    done
+}
+
+pages_name_keys_that_the_scripts_read() {
+    local key
+    # shellcheck disable=SC2016  # backquotes are Markdown's
+    for key in $(sed -n 's/^| \(`[A-Z_`, ]*\).*/\1/p' "$ROOT/docs/calibration.md" | tr -d '`,'); do
+        grep -qw "$key" "$ROOT"/scripts/*.mk "$ROOT"/scripts/calibrate || { echo "$key is read nowhere"; return 1; }
+    done
+}
+
+facts "$@"

@@ -1,0 +1,86 @@
+//! Whole calibrations by `scripts/calibrate`.
+
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+
+use crate::folder::Folder;
+use crate::{example, path_with_tools, root};
+
+/// Copy an example into a folder as `case`, with some settings of its `case.env` replaced.
+pub fn copy_case(folder: &Folder, name: &str, settings: &[(&str, &str)]) {
+    for entry in std::fs::read_dir(example(name)).unwrap() {
+        let entry = entry.unwrap();
+        let file = format!("case/{}", entry.file_name().display());
+        folder.write(&file, std::fs::read(entry.path()).unwrap());
+    }
+    let mut env: Vec<String> = folder.read("case/case.env").lines().map(str::to_owned).collect();
+    for (key, value) in settings {
+        env.retain(|line| !line.starts_with(&format!("{key}=")));
+        env.push(format!("{key}={value}"));
+    }
+    folder.write("case/case.env", env.join("\n") + "\n");
+}
+
+/// `scripts/calibrate case ENGINE OUT` in a folder, in a process group of its own.
+pub fn calibrate(folder: &Folder, engine: &str, out: &str) -> Command {
+    let mut command = Command::new(root().canonicalize().unwrap().join("scripts/calibrate"));
+    command
+        .args(["case", engine, out])
+        .env("PATH", path_with_tools())
+        .env_remove("MAKEFLAGS")
+        .env_remove("MAKELEVEL")
+        .current_dir(folder.path(""))
+        .process_group(0)
+        .stdin(Stdio::null());
+    command
+}
+
+/// Run a command to its end, which must be a good one: what it says on stdout and on stderr.
+///
+/// # Panics
+/// If it fails.
+pub fn finish(command: &mut Command) -> (String, String) {
+    let output: Output = command.output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let (stdout, stderr) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{stdout}{stderr}");
+    (stdout, stderr)
+}
+
+/// Kill a process and all that it started.
+pub fn kill_group(child: &mut Child) {
+    let group = format!("-{}", child.id());
+    Command::new("kill").args(["-KILL", "--", &group]).stderr(Stdio::null()).status().unwrap();
+    child.wait().unwrap();
+}
+
+/// The tables of a calibration, without the runs and logs, which hold times and process numbers.
+pub fn tables(folder: &Folder, out: &str) -> BTreeMap<PathBuf, Vec<u8>> {
+    let is_table = |file: &PathBuf| {
+        let name = file.display().to_string();
+        name.starts_with(&format!("{out}/")) && !name.contains("/runs/") && !name.ends_with(".log")
+    };
+    let files = folder.files().into_iter().filter(|(file, _)| is_table(file));
+    files.map(|(file, bytes)| (file.strip_prefix(out).unwrap().to_owned(), bytes)).collect()
+}
+
+/// The last posterior of a calibration.
+pub fn posterior(folder: &Folder, out: &str) -> String {
+    let last = (0..).take_while(|i| folder.path(&format!("{out}/iter{i}/stop.code")).exists()).last();
+    format!("{out}/iter{}/posterior.txt", last.unwrap())
+}
+
+/// E/(1 − ν²) in Pa of the collision, from the posterior's runs: its mean and standard deviation.
+pub fn stiffness(folder: &Folder, out: &str) -> (f64, f64) {
+    let weights = posterior(folder, out).replace("posterior.txt", "posterior-weights.txt");
+    let [e, nu, w] = ["E_m", "nu", "weight"].map(|name| folder.column(&weights, name));
+    let stiffness: Vec<f64> = e.iter().zip(&nu).map(|(e, nu)| 10f64.powf(*e) / (1.0 - nu * nu)).collect();
+    (gl::statistics::mean(&stiffness, &w), gl::statistics::sd(&stiffness, &w))
+}
+
+/// The collision's true E/(1 − ν²), Pa.
+pub const STIFFNESS: f64 = 1.995_262_314_968_88e9 / 0.96;

@@ -1,0 +1,213 @@
+//! Prediction, and the tools that say where the gap lies and how far it closes.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use gl::table::Table;
+use tempfile::TempDir;
+
+fn run(directory: &Path, name: &str, arguments: &str) -> Output {
+    let mut release = std::env::current_exe().unwrap();
+    release.pop();
+    release.pop();
+    let mut command = Command::new(release.join(name));
+    command.current_dir(directory).args(arguments.split(' ')).output().unwrap()
+}
+
+fn table(output: &Output) -> Table {
+    assert!(output.status.success(), "{}", stderr(output));
+    Table::parse("stdout", output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// It fails with exit code 2, says all of `words`, and writes nothing.
+fn assert_refused(output: &Output, words: &[&str]) {
+    let message = stderr(output);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(output.stdout.is_empty());
+    for word in words {
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+}
+
+const STEPS: usize = 40;
+
+/// Noise of a spread of about 0.1 that is the same every time.
+fn noise(step: usize) -> f64 {
+    0.14 * ((step * step) as f64 * 1.7 + step as f64).sin()
+}
+
+/// The model q = a, three runs of it around a = 1, with and without a step of 1 from step 20 on, which the
+/// measurement has.
+fn directory() -> TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: String| fs::write(directory.path().join(name), text).unwrap();
+    let rise = |step: usize| if step < 20 { 0.0 } else { 1.0 };
+    let ensemble = |effect: f64| {
+        let rows = [("low", 0.98), ("middle", 1.0), ("high", 1.02)].map(|(sample, a)| {
+            (0..STEPS)
+                .map(|step| {
+                    format!("{sample}\t{step}\t{}\t{}\n", step as f64 / 10.0, a + effect * rise(step))
+                })
+                .collect::<String>()
+        });
+        format!("sample\tstep\te\tq\n{}", rows.concat())
+    };
+    let obs = |step: usize| format!("{}\t{}\n", step as f64 / 10.0, 1.0 + rise(step) + noise(step));
+    write("obs.txt", format!("e\tq\n{}", (0..STEPS).map(obs).collect::<String>()));
+    write("base.tsv", ensemble(0.0));
+    write("half.tsv", ensemble(0.5));
+    write("full.tsv", ensemble(1.0));
+    write("weights.tsv", "sample\ta\tweight\nlow\t0.98\t1\nmiddle\t1\t2\nhigh\t1.02\t1\n".to_owned());
+    directory
+}
+
+#[test]
+fn a_prediction_is_weighted_by_name_and_not_by_row() {
+    let directory = directory();
+    fs::write(directory.path().join("turned.tsv"), "sample\tweight\nhigh\t1\nlow\t0\nmiddle\t3\n").unwrap();
+    let table = table(&run(directory.path(), "gl-predict", "-w turned.tsv base.tsv"));
+    assert_eq!(table.format().columns(), ["step", "e", "q_mean", "q_sd", "q_q05", "q_q50", "q_q95"]);
+    assert_eq!(table.len(), STEPS);
+    let mean = table.numbers("q_mean").unwrap();
+    // 3/4 of 1 and 1/4 of 1.02: mean 1.005, sd √(3/16) · 0.02.
+    assert!(mean.iter().all(|mean| (mean - 1.005).abs() < 1e-12));
+    let sd = table.numbers("q_sd").unwrap();
+    assert!(sd.iter().all(|sd| (sd - 0.1875_f64.sqrt() * 0.02).abs() < 1e-12));
+}
+
+#[test]
+fn a_prediction_without_weights_counts_every_run_alike() {
+    let directory = directory();
+    let table = table(&run(directory.path(), "gl-predict", "-c e -v q base.tsv"));
+    assert!(table.numbers("q_q50").unwrap().iter().all(|median| (median - 1.0).abs() < 1e-12));
+}
+
+#[test]
+fn a_run_without_a_weight_and_a_weight_without_a_run_are_named() {
+    let directory = directory();
+    fs::write(directory.path().join("few.tsv"), "sample\tweight\nlow\t1\nhigh\t1\n").unwrap();
+    fs::write(directory.path().join("many.tsv"), "sample\tweight\nlow\t1\nmiddle\t1\nhigh\t1\nlost\t1\n")
+        .unwrap();
+    let predict = |weights| run(directory.path(), "gl-predict", &format!("-w {weights} base.tsv"));
+    assert_refused(&predict("few.tsv"), &["few.tsv: no sample middle, which base.tsv has"]);
+    assert_refused(&predict("many.tsv"), &["base.tsv: no sample lost", "many.tsv"]);
+    fs::write(directory.path().join("empty.tsv"), "sample\tstep\te\tq\n").unwrap();
+    assert_refused(&run(directory.path(), "gl-predict", "empty.tsv"), &["empty.tsv: no runs"]);
+}
+
+#[test]
+fn a_rise_that_the_model_lacks_is_located() {
+    let directory = directory();
+    let output =
+        run(directory.path(), "gl-gap-locate", "-b obs.txt -c e -v q -w weights.tsv --noise q=0.1 base.tsv");
+    let table = table(&output);
+    let columns = ["observable", "from", "to", "gap", "gap_sd", "z", "share", "significant"];
+    assert_eq!(table.format().columns()[..8], columns);
+    assert_eq!(table.len(), 2);
+    assert_eq!((table.field(0, 7), table.field(1, 7)), ("no", "yes"));
+    assert_eq!((table.number(1, 1).unwrap(), table.number(1, 2).unwrap()), (2.0, 3.9));
+    assert!((table.number(1, 3).unwrap() - 1.0).abs() < 0.1);
+    assert!(table.number(1, 6).unwrap() > 0.95);
+    assert!(stderr(&output).contains("The gap lies in q between e 2 and 3.9"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_model_that_has_the_rise_leaves_no_gap() {
+    let directory = directory();
+    let output =
+        run(directory.path(), "gl-gap-locate", "-b obs.txt -c e -v q -w weights.tsv --noise q=0.1 full.tsv");
+    let table = table(&output);
+    assert_eq!((table.len(), table.field(0, 7), table.number(0, 6).unwrap()), (1, "no", 0.0));
+    assert!(stderr(&output).contains("No gap beyond what noise and posterior spread explain."));
+}
+
+#[test]
+fn the_same_seed_locates_and_shrinks_to_the_same_bytes() {
+    let directory = directory();
+    let locate = "-b obs.txt -c e -v q -w weights.tsv --seed 3 base.tsv";
+    let shrink = "-b obs.txt -c e -v q --before base.tsv,weights.tsv --after half.tsv,weights.tsv --seed 3";
+    for (name, arguments) in [("gl-gap-locate", locate), ("gl-gap-shrink", shrink)] {
+        let first = run(directory.path(), name, arguments);
+        assert!(first.status.success() && first.stdout == run(directory.path(), name, arguments).stdout);
+    }
+}
+
+#[test]
+fn half_of_the_effect_closes_three_quarters_of_the_squared_gap() {
+    let directory = directory();
+    let shrink = |after: &str, more: &str| {
+        let arguments = format!(
+            "-b obs.txt -c e -v q --noise q=0.1 --before base.tsv,weights.tsv --after {after},weights.tsv{more}"
+        );
+        let output = run(directory.path(), "gl-gap-shrink", &arguments);
+        let table = table(&output);
+        assert_eq!((table.field(0, 0), table.field(1, 0), table.len()), ("q", "all", 2));
+        let row: Vec<f64> = (1..7).map(|column| table.number(1, column).unwrap()).collect();
+        (row, stderr(&output))
+    };
+    let (half, said) = shrink("half.tsv", "");
+    assert!((half[3] - 0.75).abs() < 0.05 && half[4] < 0.75 && half[5] > 0.75, "{half:?}");
+    assert!(said.contains("The gap closes by 7"), "{said}");
+    let (full, _) = shrink("full.tsv", "");
+    assert!(full[3] > 0.97 && full[4] > 0.9 && full[5] == 1.0, "{full:?}");
+    let (unseen, _) = shrink("half.tsv", " --steps 25:40");
+    assert!((unseen[3] - 0.75).abs() < 0.1 && unseen[0] > half[0], "{unseen:?}");
+    let (none, said) = shrink("half.tsv", " --steps 0:20");
+    assert!(none[4] <= 0.0 && none[5] == 1.0, "{none:?}");
+    assert!(said.contains("no gap to close") || said.contains("may not have closed"), "{said}");
+}
+
+#[test]
+fn bad_input_is_refused_with_its_place() {
+    let directory = directory();
+    let write = |name: &str, text: &str| fs::write(directory.path().join(name), text).unwrap();
+    let obs = fs::read_to_string(directory.path().join("obs.txt")).unwrap();
+    write("short.txt", &obs.lines().take(30).map(|line| format!("{line}\n")).collect::<String>());
+    write("shifted.txt", &obs.replace("\n3.9\t", "\n3.95\t"));
+    write(
+        "constant.txt",
+        &(0..STEPS)
+            .map(|i| format!("{}\t1\n", i as f64 / 10.0))
+            .fold("e\tq\n".to_owned(), |all, row| all + &row),
+    );
+    write("one.txt", "e\tq\n0\t1\n");
+    write("one.tsv", "sample\tstep\te\tq\nlow\t0\t0\t1\n");
+    write("alone.tsv", "sample\tweight\nlow\t1\n");
+    write("few.tsv", "sample\tweight\nlow\t1\nhigh\t1\n");
+
+    let locate = |obs: &str, weights: &str, ensemble: &str| {
+        run(directory.path(), "gl-gap-locate", &format!("-b {obs} -c e -v q -w {weights} {ensemble}"))
+    };
+    let shrink = |obs: &str, after: &str| {
+        let arguments = format!("-b {obs} -c e -v q --before base.tsv,weights.tsv --after {after}");
+        run(directory.path(), "gl-gap-shrink", &arguments)
+    };
+    assert_refused(
+        &locate("short.txt", "weights.tsv", "base.tsv"),
+        &["base.tsv: 40 steps", "short.txt has 29"],
+    );
+    assert_refused(&locate("shifted.txt", "weights.tsv", "base.tsv"), &["base.tsv: step 39 is at e 3.9"]);
+    assert_refused(&locate("obs.txt", "few.tsv", "base.tsv"), &["few.tsv: no sample middle"]);
+    assert_refused(
+        &locate("obs.txt", "weights.tsv --noise q=0", "base.tsv"),
+        &["noise of q is not positive"],
+    );
+    assert_refused(&locate("one.txt", "alone.tsv", "one.tsv"), &["one.txt: 1 steps", "--noise"]);
+    assert_refused(&shrink("short.txt", "half.tsv,weights.tsv"), &["base.tsv: 40 steps"]);
+    assert_refused(&shrink("obs.txt", "half.tsv,few.tsv"), &["few.tsv: no sample middle"]);
+    assert_refused(&shrink("constant.txt", "half.tsv,weights.tsv"), &["constant.txt: q is constant"]);
+    assert_refused(&shrink("obs.txt", "half.tsv"), &["half.tsv", "ENSEMBLE,WEIGHTS"]);
+    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --steps 40:50"), &["--steps", "0 to 39"]);
+    let known = locate("one.txt", "alone.tsv --noise q=0.1", "one.tsv");
+    assert_eq!(table(&known).len(), 1);
+    let constant = locate("constant.txt", "weights.tsv --noise q=0.1", "base.tsv");
+    assert_eq!(table(&constant).field(0, 7), "no");
+}

@@ -1,0 +1,271 @@
+//! gl-gap-attribute from its tables to its verdict: what is found, and what is refused.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use gl::design::{self, Effects};
+use gl::prior::Prior;
+use gl::samples::{Samples, sample_names};
+use gl::sequence::Method;
+use gl::table::Table;
+use tempfile::TempDir;
+
+const PARAMS: &str = "name lower upper effect off\na 1 2 - -\nbend 0.2 2 bending 0\nkink 0.2 2 kinking 0\n";
+const STEPS: usize = 25;
+
+fn tool(name: &str) -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    test.parent().and_then(Path::parent).unwrap().join(name)
+}
+
+/// a x + bend x² + kink |x − ½|, and a wave that no parameter makes; x from 0 to 1.
+fn curve(values: &[f64], wave: f64) -> Vec<f64> {
+    let y =
+        |x: f64| values[0] * x + values[1] * x * x + values[2] * (x - 0.5).abs() + wave * (12.0 * x).sin();
+    (0..STEPS).map(|t| y(t as f64 / (STEPS - 1) as f64)).collect()
+}
+
+/// Noise of sd about 0.7, the same on every machine.
+fn jitter(t: usize) -> f64 {
+    ((t * t) as f64 * 0.7 + 1.0).sin()
+}
+
+struct Case {
+    dir: TempDir,
+}
+
+impl Case {
+    /// A design of `n` runs and a measurement of these values, with noise of sd 0.01.
+    fn new(n: usize, effects: &Effects, values: &[f64], wave: f64) -> Self {
+        let dir = TempDir::new().unwrap();
+        let case = Self { dir };
+        case.write("params.txt", PARAMS);
+        let prior = Prior::read(&case.path("params.txt")).unwrap();
+        let drawn = design::draw(&prior, effects, Method::Halton, n, 1, true).unwrap();
+        let names = sample_names("run", 0, n).unwrap();
+        let samples = Samples { source: String::new(), names, parameters: prior.names(), values: drawn };
+        samples.write(Some(&case.path("samples.txt")), None).unwrap();
+        let mut runs = "sample step x y\n".to_owned();
+        for (name, values) in samples.names.iter().zip(&samples.values) {
+            for (t, y) in curve(values, 0.0).iter().enumerate() {
+                writeln!(runs, "{name} {t} {} {y}", t as f64 / (STEPS - 1) as f64).unwrap();
+            }
+        }
+        case.write("runs.tsv", &runs);
+        let mut obs = "x y\n".to_owned();
+        for (t, y) in curve(values, wave).iter().enumerate() {
+            writeln!(obs, "{} {}", t as f64 / (STEPS - 1) as f64, y + 0.014 * jitter(t)).unwrap();
+        }
+        case.write("obs.txt", &obs);
+        case
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    fn edit(&self, name: &str, change: impl Fn(&str) -> String) {
+        let text = fs::read_to_string(self.path(name)).unwrap();
+        self.write(name, &change(&text));
+    }
+
+    fn run(&self, more: &[&str]) -> Output {
+        let fixed = ["-p", "params.txt", "-s", "samples.txt", "-b", "obs.txt", "-c", "x", "-v", "y"];
+        Command::new(tool("gl-gap-attribute"))
+            .current_dir(self.dir.path())
+            .args(fixed)
+            .args(more)
+            .arg("runs.tsv")
+            .output()
+            .unwrap()
+    }
+
+    fn rows(&self, more: &[&str]) -> Vec<(String, f64)> {
+        let output = self.run(more);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let table = Table::parse("stdout", output.stdout).unwrap();
+        let expected = ["hypothesis", "probability", "ln_evidence", "gap", "unexplained", "confounded_with"];
+        assert_eq!(table.format().columns()[..6], expected);
+        (0..table.len()).map(|row| (table.field(row, 0).to_owned(), table.number(row, 1).unwrap())).collect()
+    }
+
+    fn refused(&self, more: &[&str], words: &[&str]) {
+        let output = self.run(more);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(output.stdout.is_empty());
+        for word in words {
+            assert!(message.contains(word), "{word:?} is not in {message:?}");
+        }
+    }
+}
+
+const NOISE: [&str; 2] = ["--noise", "y=0.01"];
+
+#[test]
+fn the_effect_that_is_in_comes_first_and_no_effect_where_there_is_none() {
+    let bent = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let rows = bent.rows(&NOISE);
+    assert_eq!(rows[0].0, "bending", "{rows:?}");
+    assert!(rows[0].1 > 0.8, "{rows:?}");
+    assert_eq!(rows.len(), 5, "none, two alone, both, unexplained: {rows:?}");
+    assert!((rows.iter().map(|row| row.1).sum::<f64>() - 1.0).abs() < 1e-9);
+    let straight = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.0);
+    assert_eq!(straight.rows(&NOISE)[0].0, "none");
+}
+
+#[test]
+fn what_is_no_candidate_is_unexplained() {
+    let wavy = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.1);
+    let rows = wavy.rows(&NOISE);
+    assert_eq!(rows[0].0, "unexplained", "{rows:?}");
+    assert!(rows[0].1 > 0.9, "{rows:?}");
+}
+
+#[test]
+fn an_offset_of_the_sensor_needs_no_run() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.0);
+    case.edit("obs.txt", |text| {
+        let lifted = |line: &str| {
+            let (x, y) = line.split_once(' ').unwrap();
+            format!("{x} {}\n", y.parse::<f64>().map_or(y.to_owned(), |y| (y + 0.1).to_string()))
+        };
+        text.lines().map(lifted).collect()
+    });
+    let rows = case.rows(&["--noise", "y=0.01", "--measurement", "offset"]);
+    assert_eq!(rows[0].0, "offset(y)", "{rows:?}");
+}
+
+#[test]
+fn an_unknown_noise_is_estimated_and_the_verdict_no_sharper() {
+    let bent = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let (known, unknown) = (bent.rows(&NOISE), bent.rows(&[]));
+    assert_eq!(unknown[0].0, "bending", "{unknown:?}");
+    assert!(unknown[0].1 < known[0].1 + 0.02, "{known:?} {unknown:?}");
+}
+
+#[test]
+fn threads_and_repetition_change_no_byte() {
+    let case = Case::new(60, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let run = |threads: &str| {
+        let mut command = Command::new(tool("gl-gap-attribute"));
+        command.current_dir(case.dir.path()).env("RAYON_NUM_THREADS", threads);
+        command.args(["-p", "params.txt", "-s", "samples.txt", "-b", "obs.txt", "-c", "x", "-v", "y"]);
+        command.args(NOISE).arg("runs.tsv").output().unwrap().stdout
+    };
+    let one = run("1");
+    assert!(!one.is_empty());
+    assert_eq!(one, run("2"));
+    assert_eq!(one, run("5"));
+}
+
+#[test]
+fn probabilities_of_effects_sum_those_of_hypotheses() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let rows =
+        case.rows(&["--noise", "y=0.01", "--effects-out", "effects.tsv", "--predict-shrink", "shrink.tsv"]);
+    let effects = Table::read(&case.path("effects.tsv")).unwrap();
+    for row in 0..effects.len() {
+        let name = effects.field(row, 0);
+        let has = rows.iter().filter(|(hypothesis, _)| hypothesis.split('+').any(|part| part == name));
+        let sum: f64 = has.map(|(_, probability)| probability).sum();
+        assert!((sum - effects.number(row, 1).unwrap()).abs() < 1e-12, "{name}");
+    }
+    let shrink = Table::read(&case.path("shrink.tsv")).unwrap();
+    assert_eq!(shrink.field(0, 0), "bending");
+    assert!(shrink.number(0, 2).unwrap() > 0.9);
+}
+
+#[test]
+fn the_self_check_finds_what_is_in_the_runs() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let output = case.run(&["--noise", "y=0.01", "--self-check", "10"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    let right = message.split("self-check: in ").nth(1).and_then(|rest| rest.split(' ').next());
+    let right: usize = right.unwrap().parse().unwrap();
+    assert!(right >= 9, "{message}");
+}
+
+#[test]
+fn an_effect_that_no_run_has_on_is_named_with_the_command_that_makes_the_design() {
+    let case = Case::new(40, &Effects::None, &[1.4, 0.9, 0.0], 0.0);
+    case.refused(&NOISE, &["bending", "on in no run", "gl-sample", "--effects switch"]);
+}
+
+#[test]
+fn an_effect_without_a_value_off_is_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("params.txt", |text| text.replace("bending 0", "bending -"));
+    case.refused(&NOISE, &["params.txt:3: column off", "bending"]);
+}
+
+#[test]
+fn fewer_runs_than_inputs_are_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let samples = Samples::read(&case.path("samples.txt")).unwrap();
+    // One run of each combination of the two effects.
+    let first = |bend: bool, kink: bool| {
+        let row = samples.values.iter().position(|v| (v[1] > 0.0, v[2] > 0.0) == (bend, kink));
+        samples.names[row.unwrap()].as_str()
+    };
+    let kept = [first(false, false), first(false, true), first(true, false), first(true, true)];
+    case.edit("runs.tsv", |text| {
+        let keep =
+            |line: &&str| kept.contains(&line.split(' ').next().unwrap()) || line.starts_with("sample");
+        text.lines().filter(keep).map(|line| format!("{line}\n")).collect()
+    });
+    case.refused(&NOISE, &["4 runs"]);
+}
+
+#[test]
+fn a_constant_observable_is_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("obs.txt", |text| {
+        text.lines()
+            .map(|line| {
+                if line == "x y" {
+                    "x y\n".to_owned()
+                } else {
+                    format!("{} 3\n", line.split(' ').next().unwrap())
+                }
+            })
+            .collect()
+    });
+    case.refused(&NOISE, &["y is the same at every step"]);
+}
+
+#[test]
+fn a_noise_of_zero_is_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.refused(&["--noise", "y=0"], &["noise of y is not positive"]);
+}
+
+#[test]
+fn another_grid_is_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("obs.txt", |text| text.replace("\n1 ", "\n1.01 "));
+    case.refused(&NOISE, &["step 24", "collect the runs again"]);
+}
+
+#[test]
+fn failed_runs_of_the_design_are_left_out_and_counted() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("runs.tsv", |text| {
+        let failed =
+            |line: &&str| !line.starts_with("run_Iter0_Sample07") && !line.starts_with("run_Iter0_Sample1");
+        text.lines().filter(failed).map(|line| format!("{line}\n")).collect()
+    });
+    let output = case.run(&NOISE);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}");
+    assert!(message.contains("11 of 75 samples have no run"), "{message}");
+    assert!(message.contains("bending explains it"), "{message}");
+}

@@ -1,0 +1,228 @@
+//! The calibration loop: it ends at the truth, and whatever happens to it, it ends with the same bytes.
+
+#![allow(clippy::unwrap_used)]
+
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Instant, SystemTime};
+
+use pipelines::calibration::{
+    STIFFNESS, calibrate, copy_case, finish, kill_group, posterior, stiffness, tables,
+};
+use pipelines::folder::Folder;
+use pipelines::{path_with_tools, root};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+#[test]
+fn the_collision_is_calibrated_to_one_percent() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    let (stdout, stderr) = finish(&mut calibrate(&folder, "embedded", "out"));
+    let (mean, sd) = stiffness(&folder, "out");
+    assert!((mean / STIFFNESS - 1.0).abs() < 0.01, "{mean} is not {STIFFNESS}");
+    assert!(sd / STIFFNESS < 0.01, "{sd}");
+    assert!(stdout.starts_with("iteration 0: 30 runs, 0 failed; sigma "), "{stdout}");
+    assert!(stdout.contains("parameter") && stdout.contains("best run collision_Iter"), "{stdout}");
+    assert!(stderr.contains("stop, by sigma_noise"), "{stderr}");
+}
+
+/// Normal load alone does not see nu, which stays as its uniform prior on 0 to 0.5 has it, with a standard
+/// deviation of 0.144: the iterations must not narrow what no data have narrowed.
+#[test]
+fn what_the_data_cannot_tell_stays_uncertain() {
+    let mut held = 0;
+    for seed in 1..9 {
+        let folder = Folder::default();
+        copy_case(&folder, "collision", &[("SEED", &seed.to_string())]);
+        finish(&mut calibrate(&folder, "embedded", "out"));
+        let summary = posterior(&folder, "out");
+        let nu = |quantity: &str| folder.quantity(&summary, &format!("{quantity}(nu)"));
+        assert!((0.07..0.21).contains(&nu("sd")), "seed {seed}: {}", nu("sd"));
+        held += u32::from((nu("q05")..=nu("q95")).contains(&0.2));
+    }
+    assert!(held >= 7, "{held} of 8 intervals hold the truth");
+}
+
+#[test]
+fn a_line_by_a_command_a_run_is_calibrated_to_its_closed_form() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &[]);
+    finish(&mut calibrate(&folder, "local", "out"));
+    // Ordinary least squares of examples/linear/obs.txt with noise 0.2.
+    let (x, y) = (folder.column("case/obs.txt", "x"), folder.column("case/obs.txt", "y"));
+    let (n, sx, sy) = (x.len() as f64, x.iter().sum::<f64>(), y.iter().sum::<f64>());
+    let sxx: f64 = x.iter().map(|x| x * x).sum();
+    let sxy: f64 = x.iter().zip(&y).map(|(x, y)| x * y).sum();
+    let det = n * sxx - sx * sx;
+    let file = posterior(&folder, "out");
+    for (name, mean, variance) in
+        [("a", (n * sxy - sx * sy) / det, n / det), ("b", (sxx * sy - sx * sxy) / det, sxx / det)]
+    {
+        let sd = 0.2 * f64::sqrt(variance);
+        let found = |quantity: &str| folder.quantity(&file, &format!("{quantity}({name})"));
+        assert!((found("mean") - mean).abs() < 0.5 * sd, "{name}: {} is not {mean}", found("mean"));
+        assert!((found("sd") / sd).ln().abs() < 0.35, "{name}: {} is not {sd}", found("sd"));
+    }
+}
+
+#[test]
+fn the_number_of_threads_makes_no_difference() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    for threads in ["1", "2"] {
+        finish(calibrate(&folder, "embedded", threads).env("RAYON_NUM_THREADS", threads));
+    }
+    assert_eq!(tables(&folder, "1"), tables(&folder, "2"));
+}
+
+/// When each finished run was written.
+fn written(folder: &Folder, out: &str) -> Vec<(std::path::PathBuf, SystemTime)> {
+    let mut times = Vec::new();
+    for i in 0.. {
+        let Ok(entries) = std::fs::read_dir(folder.path(&format!("{out}/iter{i}/runs"))) else { break };
+        for entry in entries.map(Result::unwrap) {
+            if entry.file_name().to_string_lossy().ends_with("_sim.txt") {
+                times.push((entry.path(), entry.metadata().unwrap().modified().unwrap()));
+            }
+        }
+    }
+    times
+}
+
+/// Kill a calibration at `kills` random moments, start it again each time, and compare its end with that
+/// of one left in peace.
+fn survives(case: &str, engine: &str, settings: &[(&str, &str)], kills: u32, seed: u64) {
+    let folder = Folder::default();
+    copy_case(&folder, case, settings);
+    let start = Instant::now();
+    finish(&mut calibrate(&folder, engine, "whole"));
+    // Start-up included, a call gets this far in the calibration before it is killed, on average.
+    let stretch = start.elapsed() / (kills / 2);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    for _ in 0..kills {
+        let mut command = calibrate(&folder, engine, "cut");
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        sleep(stretch.mul_f64(rng.random_range(0.02..1.5)));
+        kill_group(&mut child);
+    }
+    let before = written(&folder, "cut");
+    finish(&mut calibrate(&folder, engine, "cut"));
+    let after = written(&folder, "cut");
+    for run in &before {
+        assert!(after.contains(run), "{} was run again", run.0.display());
+    }
+    let (whole, cut) = (tables(&folder, "whole"), tables(&folder, "cut"));
+    assert_eq!(whole.keys().collect::<Vec<_>>(), cut.keys().collect::<Vec<_>>());
+    for (file, bytes) in &whole {
+        assert!(cut[file] == *bytes, "{} differs", file.display());
+    }
+    let strays: Vec<_> =
+        folder.files().into_keys().filter(|file| file.display().to_string().ends_with(".part")).collect();
+    assert!(strays.is_empty(), "{strays:?}");
+}
+
+#[test]
+fn a_calibration_killed_at_any_moment_ends_with_the_same_bytes() {
+    survives("collision", "embedded", &[("NUM", "60")], 12, 1);
+}
+
+#[test]
+fn a_calibration_of_processes_killed_at_any_moment_ends_with_the_same_bytes() {
+    survives("linear", "local", &[("NUM", "16"), ("ITERATIONS", "3")], 12, 2);
+}
+
+#[test]
+fn a_calibration_that_is_done_runs_nothing_again() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    finish(&mut calibrate(&folder, "embedded", "out"));
+    let (before, runs) = (folder.files(), written(&folder, "out"));
+    finish(&mut calibrate(&folder, "embedded", "out"));
+    assert_eq!(before, folder.files());
+    assert_eq!(runs, written(&folder, "out"));
+}
+
+#[test]
+fn iterations_are_limited_and_added() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    let iterations = || (0..).take_while(|i| folder.path(&format!("out/iter{i}/stop.code")).exists()).count();
+    let (_, stderr) = finish(calibrate(&folder, "embedded", "out").env("ITERATIONS", "2"));
+    assert_eq!(iterations(), 2);
+    assert!(stderr.contains("stop, by the number of iterations (2)"), "{stderr}");
+    let first = tables(&folder, "out");
+    finish(calibrate(&folder, "embedded", "out").env("MORE", "2"));
+    assert_eq!(iterations(), 4);
+    let after = tables(&folder, "out");
+    assert!(first.iter().all(|(file, bytes)| after[file] == *bytes));
+    assert_eq!(folder.quantity("out/iter3/posterior.txt", "runs"), 120.0);
+}
+
+fn one_iteration(folder: &Folder, arguments: &str, iteration: usize) -> (Option<i32>, String, String) {
+    let output = Command::new(root().canonicalize().unwrap().join("scripts/one-iteration"))
+        .args(arguments.split(' '))
+        .env("PATH", path_with_tools())
+        .env("ITERATION", iteration.to_string())
+        .current_dir(folder.path(""))
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    finish(calibrate(&folder, "embedded", "whole").env("ITERATIONS", "2"));
+    folder.run("gl-sample -p case/params.txt -n 30 --name collision -o mine.txt");
+    folder.run("gl-contact -s mine.txt mine");
+    let (code, stdout, stderr) = one_iteration(&folder, "case mine.txt mine out", 0);
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(stdout.contains("iteration 0: 30 runs, 0 failed"), "{stdout}");
+    assert!(stdout.ends_with("next samples: out/iter1/samples.txt\n"), "{stdout}");
+    folder.run("gl-contact -s out/iter1/samples.txt next");
+    let (code, stdout, stderr) = one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    assert!(code < Some(2), "{stdout}{stderr}");
+    let (whole, out) = (tables(&folder, "whole"), tables(&folder, "out"));
+    for (file, bytes) in &whole {
+        assert!(out[file] == *bytes, "{} differs", file.display());
+    }
+    // A run that is there now and failed before is taken in.
+    let run = folder.path("next/collision_Iter1_Sample00_sim.txt");
+    let text = std::fs::read(&run).unwrap();
+    std::fs::remove_file(&run).unwrap();
+    one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    assert_eq!(folder.quantity("out/iter1/posterior.txt", "failed"), 1.0);
+    std::fs::write(&run, text).unwrap();
+    one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    assert_eq!(folder.quantity("out/iter1/posterior.txt", "failed"), 0.0);
+}
+
+#[test]
+fn a_wrong_call_of_the_scripts_says_what_is_wrong() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    for (engine, says) in [("slrum", "no engine slrum"), ("", "no engine")] {
+        let output = calibrate(&folder, engine, "out").output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&output.stderr).contains(says), "{engine}");
+    }
+    for (key, number) in [("ITERATIONS", "ten"), ("MORE", "0")] {
+        let output = calibrate(&folder, "embedded", "out").env(key, number).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert!(String::from_utf8_lossy(&output.stderr).contains("give a number from 1"));
+    }
+    for (arguments, iteration, says) in [
+        ("nowhere mine.txt runs out", 0, "nowhere/case.env: no such case"),
+        ("case nowhere.txt runs out", 0, "nowhere.txt: no such samples table"),
+        ("case case/obs.txt runs out", 0, "runs: no such folder of runs"),
+        ("case case/obs.txt case out", 1, "do iteration 0 first"),
+    ] {
+        let (code, _, stderr) = one_iteration(&folder, arguments, iteration);
+        assert_eq!(code, Some(2), "{arguments}");
+        assert!(stderr.contains(says), "{arguments}: {stderr}");
+    }
+    assert!(!folder.path("out").exists());
+}

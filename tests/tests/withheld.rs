@@ -1,0 +1,30 @@
+//! A fast part of the withheld check, from the generator to the scorer.
+
+#![allow(clippy::unwrap_used)]
+
+use pipelines::withheld::bench::Bench;
+use pipelines::withheld::score::{Scored, Share, calibration_error, of_effects, read};
+use pipelines::withheld::{diagnose, generate};
+
+#[test]
+fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let bench = Bench::named("contact").unwrap();
+    generate::generate(&bench, 30, 5, dir.path()).unwrap();
+    diagnose::diagnose(&bench, 25, 5, dir.path()).unwrap();
+    let cases = read(dir.path()).unwrap();
+    let share = |choose: &dyn Fn(&Scored) -> bool, so: &dyn Fn(&Scored) -> bool| {
+        Share::count(cases.iter().filter(|case| choose(case)), so)
+    };
+    let one = |case: &Scored| !case.withheld && case.truth != "none" && !case.truth.contains('+');
+    let visible = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
+    assert!(visible.all >= 4 && visible.of + 1 >= visible.all, "one effect: {visible:?} {cases:#?}");
+    let none = share(&|case| case.truth == "none", &|case| case.names_wrong() && case.probability > 0.5);
+    assert!(none.all == 6 && none.of == 0, "no effect: {none:?} {cases:#?}");
+    let unknown = share(&|case| case.withheld && case.visibility >= 2.0, &|case| {
+        case.names_wrong() && case.probability > 0.9
+    });
+    assert_eq!(unknown.of, 0, "no candidate: {cases:#?}");
+    let error = calibration_error(&of_effects(&cases));
+    assert!(error < 0.08, "{error}");
+}

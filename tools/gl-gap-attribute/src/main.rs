@@ -1,0 +1,180 @@
+//! Say which effect, if any, explains the gap between a simulation and a measurement.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Result, ensure};
+use clap::Parser;
+use gl::ensemble::Ensemble;
+use gl::gap::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl::gap::measurement::Kind;
+use gl::gap::problem::Problem;
+use gl::gap::self_check::{Design, self_check, summary};
+use gl::gap::verdict::verdict;
+use gl::observations::{ByName, Observations};
+use gl::prior::Prior;
+use gl::samples::Samples;
+use gl::table::TableWriter;
+
+/// Say which effect, if any, explains the gap between a simulation and a measurement.
+///
+/// The runs of a design in which effects are switched on and off (gl-sample --effects switch) train an
+/// emulator. Every set of up to --max-effects effects is weighed against the measurement, and so is
+/// that something else is at work (unexplained).
+#[derive(Parser)]
+#[command(name = "gl-gap-attribute", version, after_help = EXAMPLE)]
+struct Args {
+    /// Table of parameters, with the columns effect and off
+    #[arg(short, long, value_name = "FILE")]
+    params: PathBuf,
+    /// Samples of the design
+    #[arg(short, long, value_name = "FILE")]
+    samples: PathBuf,
+    /// Measurement
+    #[arg(short = 'b', long, value_name = "FILE")]
+    observations: PathBuf,
+    /// Column of the control
+    #[arg(short, long, value_name = "NAME")]
+    control: String,
+    /// Columns of the observables; compliance takes the first for the load
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
+    observables: Vec<String>,
+    /// Standard deviation of the noise; by default the `_sd` columns of the measurement, or estimated
+    #[arg(long, value_name = "NAME=SD,…")]
+    noise: Option<ByName>,
+    /// Effects of the measurement to consider: offset, gain, drift, compliance, lag
+    #[arg(long, value_name = "KIND,…", value_delimiter = ',')]
+    measurement: Vec<Kind>,
+    /// Effects that may be at work together
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    max_effects: usize,
+    /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
+    /// many more grains
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    scatter: f64,
+    /// Also write the probability of each effect to be in: effect, probability
+    #[arg(long, value_name = "FILE")]
+    effects_out: Option<PathBuf>,
+    /// Also write how far the gap should shrink with each likely hypothesis:
+    /// hypothesis, shrink, shrink_low, shrink_high
+    #[arg(long, value_name = "FILE")]
+    predict_shrink: Option<PathBuf>,
+    /// Call N runs of the design the measurement in turn, and say how often what is in them is found
+    #[arg(long, value_name = "N")]
+    self_check: Option<usize>,
+    /// Seed of the search and the sampling
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Where the table goes; stdout by default
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Ensemble of the design's runs, `-` for stdin
+    #[arg(value_name = "ENSEMBLE", default_value = "-")]
+    ensemble: PathBuf,
+}
+
+const EXAMPLE: &str = "\
+Example (a line with a bend that the base model lacks):
+  printf 'name lower upper effect off\\na 0 2 - -\\nbend 0.1 2 bending 0\\n' > params.txt
+  gl-sample -p params.txt -n 60 --effects switch -o samples.txt
+  awk 'BEGIN { print \"sample step x y\" }
+    NR > 1 { for (i = 0; i < 20; i++) print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv
+  awk 'BEGIN { print \"x y\"
+    for (i = 0; i < 20; i++) print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' > obs.txt
+  gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.1 runs.tsv";
+
+/// Hypotheses less probable than this are not worth a prediction.
+const LIKELY: f64 = 0.01;
+
+fn run(args: &Args) -> Result<()> {
+    ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
+    let prior = Prior::read(&args.params)?;
+    let samples = Samples::read(&args.samples)?;
+    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
+    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
+    let ensemble = Ensemble::read(&args.ensemble, &args.control, &args.observables)?;
+    ensemble.check_steps(&observations)?;
+    let candidates = candidates(&prior, &samples, &ensemble, &args.measurement)?;
+    let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
+    if emulator.missing() > 0 {
+        note(format_args!(
+            "{} of {} samples have no run and are left out",
+            emulator.missing(),
+            samples.len()
+        ));
+    }
+    if noise.is_none() {
+        note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
+    }
+    let problem =
+        diagnosis::problem(&emulator, &prior, candidates.clone(), &observations, noise, args.scatter)?;
+    let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
+    write(args.output.as_deref(), &diagnosis)?;
+    if let Some(path) = &args.effects_out {
+        write_effects(path, &diagnosis)?;
+    }
+    if let Some(path) = &args.predict_shrink {
+        write_shrink(path, &problem, &diagnosis, args.seed)?;
+    }
+    for line in verdict(&problem, &diagnosis, args.seed)? {
+        note(line);
+    }
+    if let Some(count) = args.self_check {
+        let noise = diagnosis::noise(&problem, &diagnosis);
+        let design = Design {
+            prior: &prior,
+            samples: &samples,
+            ensemble: &ensemble,
+            candidates: &candidates,
+            scatter: args.scatter,
+        };
+        let checked = self_check(&design, &observations, &noise, args.max_effects, count, args.seed)?;
+        summary(&checked).iter().for_each(note);
+    }
+    Ok(())
+}
+
+fn write(path: Option<&Path>, diagnosis: &Diagnosis) -> Result<()> {
+    let columns = [
+        "hypothesis",
+        "probability",
+        "ln_evidence",
+        "gap",
+        "unexplained",
+        "confounded_with",
+        "ln_evidence_error",
+    ];
+    let mut table = TableWriter::create(path, &columns)?;
+    for row in &diagnosis.rows {
+        table.text(&row.name).numbers(&[row.probability, row.ln_evidence, row.gap, row.left]);
+        table.text(&row.confounded.join(",")).number(row.error).end_row()?;
+    }
+    table.finish()
+}
+
+fn write_effects(path: &Path, diagnosis: &Diagnosis) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["effect", "probability"])?;
+    for (name, probability) in &diagnosis.effects {
+        table.text(name).number(*probability).end_row()?;
+    }
+    table.finish()
+}
+
+fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
+    let columns = ["hypothesis", "shrink", "shrink_low", "shrink_high"];
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    let explanations = &diagnosis.attribution.explanations;
+    for of in explanations.iter().filter(|of| of.probability >= LIKELY && !of.hypothesis.is_empty()) {
+        let shrink = diagnosis::shrink(problem, explanations, of, seed)?;
+        table.text(&of.name).numbers(&[shrink.median, shrink.low, shrink.high]).end_row()?;
+    }
+    table.finish()
+}
+
+fn note(message: impl std::fmt::Display) {
+    gl::cli::note("gl-gap-attribute", message);
+}
+
+fn main() -> ExitCode {
+    gl::cli::finish("gl-gap-attribute", run(&gl::cli::parse()))
+}
