@@ -107,9 +107,15 @@ fn the_best_run_of_all_iterations_is_the_one_reported() {
     let (folder, _) = posterior((0.5, 4.0), line::PARAMS, 300, 1);
     folder.run("gl-gmm-resample -p params.txt -n 5 --iteration 1 weights.txt -o next.txt --proposal-out proposal.txt");
     line::ensemble(&folder, "next.txt", "obs.txt", "ensemble.txt");
-    // The exact truth goes into the first iteration.
+    // Least squares, which no other sample fits better than, go into the first iteration.
+    let (x, y) = (folder.column("obs.txt", "x"), folder.column("obs.txt", "y"));
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (mx, my) = (mean(&x), mean(&y));
+    let slope = x.iter().zip(&y).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
+        / x.iter().map(|x| (x - mx).powi(2)).sum::<f64>();
+    let intercept = my - slope * mx;
     let samples = folder.read("samples.txt").lines().take(300).collect::<Vec<_>>().join("\n");
-    folder.write("samples.txt", format!("{samples}\nrun_Iter0_Best 300 0.5 4\n"));
+    folder.write("samples.txt", format!("{samples}\nrun_Iter0_Best 300 {slope} {intercept}\n"));
     folder.run(&LIKELIHOOD.replace("misfit.txt", "misfit1.txt"));
     line::ensemble(&folder, "samples.txt", "obs.txt", "ensemble.txt");
     folder.run(LIKELIHOOD);
