@@ -292,7 +292,8 @@ mod tests {
         let wave = (Straight::curve(0.0, 0.0, 1.0), 1.0);
         let offset = (vec![problem.ranges[0]; STEPS], 0.1);
         let mean = Straight::curve(1.0, 1.0, 0.0);
-        let sets: [(&[usize], Vec<(Vec<f64>, f64)>); 4] = [
+        type Directions = Vec<(Vec<f64>, f64)>;
+        let sets: [(&[usize], Directions); 4] = [
             (&[], vec![]),
             (&[0], vec![wave.clone()]),
             (&[1], vec![offset.clone()]),
