@@ -1,5 +1,6 @@
 //! Memory of a stream does not grow with its length.
 #![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used)]
 
 use std::fs;
 use std::io::{self, Read, Write};

@@ -1,6 +1,8 @@
 //! Tables as the tools write them are read without splitting their rows into fields; the same tables
 //! with blanks around the fields are not. Both must say the same.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 
 use gl::ensemble::Ensemble;
