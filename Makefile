@@ -25,7 +25,6 @@ demo: build
 ## make test                        everything: the library, the tools, the scripts, the engines that are here
 test: build
 	@cargo test --release --workspace
-	@tests/scripts/run
 
 ## make build                       the tools, in target/release
 build:
