@@ -18,7 +18,7 @@ SEED ?= 0
 SAMPLING ?= mixture
 ESS ?= 0.2
 MAX_FAILED ?= 0.5
-export CASE
+export CASE PACKED
 
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
 MISFIT := $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
