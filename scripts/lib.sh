@@ -177,7 +177,7 @@ missing_rows() {
             return 1
         }
         # Ticks off the rows whose run is in a packed file, up to where the file is cut off.
-        function look_into(path,    line, word, text, parameters, bytes, lines) {
+        function look_into(path,    line, word, text, parameters, bytes, lines, i) {
             while ((getline line < path) > 0 && split(line, word, " ") == 4 && word[1] word[2] == "#file") {
                 text = ""
                 bytes = lines = 0
@@ -190,8 +190,9 @@ missing_rows() {
                 if (bytes == word[4] && (getline line < path) <= 0) break
                 if (sub(/_param\.txt$/, "", word[3])) {
                     parameters[word[3]] = text
-                } else if (bytes == word[4] && lines > 1 && sub(/_sim\.txt$/, "", word[3]) && word[3] in place) {
-                    if (has_parameters(parameters[word[3]], row[place[word[3]]])) delete row[place[word[3]]]
+                } else if (bytes == word[4] && lines > 1 && sub(/_sim\.txt$/, "", word[3])) {
+                    i = place[word[3]]
+                    if (i in row && has_parameters(parameters[word[3]], row[i])) delete row[i]
                     delete parameters[word[3]]
                 }
             }
