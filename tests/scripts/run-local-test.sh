@@ -335,9 +335,9 @@ damage_in_a_packed_file_is_said_when_it_is_unpacked() {
     same "$(cat there/a_sim.txt)" $'u\n1'
     absent b_sim.txt
     printf '# file a_sim.txt 9\nu\n1\n' >y_packed.txt
-    ends_with 2 unpack y_packed.txt there
+    ends_with 2 unpack y_packed.txt other
     says 'y_packed.txt:3: cut off in a_sim.txt'
-    absent there/a_sim.txt
+    absent other/a_sim.txt
 }
 
 the_measurements_are_what_their_scripts_make() {
