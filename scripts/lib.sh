@@ -208,13 +208,16 @@ missing_rows() {
             next
         }
         FNR != NR { look_into($0); next }
-        all || NR in check { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description; place[$description] = NR }
+        all || NR in check { row[NR] = $0; place[$description] = NR }
         { rows = NR }
         END {
             RS = "\001"  # a whole file is one record
-            for (i = 2; i <= rows; i++)
-                if (i in row && (!has_rows(slurp(base[i] "_sim.txt")) || !has_parameters(slurp(base[i] "_param.txt"), row[i])))
-                    print i
+            for (i = 2; i <= rows; i++) {
+                if (!(i in row)) continue
+                split(row[i], cell, "\t")
+                base = ENVIRON["DIR"] "/" cell[description]
+                if (!has_rows(slurp(base "_sim.txt")) || !has_parameters(slurp(base "_param.txt"), row[i])) print i
+            }
         }
     ' "$GL_TABLE" -
 }
