@@ -9,6 +9,7 @@ use crate::observations::{ByName, Observations, Steps, range};
 mod stream;
 mod table;
 
+pub use stream::MisfitRows;
 pub use table::Misfits;
 
 /// What a misfit is measured against when no noise is given.

@@ -15,6 +15,16 @@ struct Form {
     plain: Option<PlainRows>,
     /// The step between two tabs, for each step that is compared.
     steps: Vec<Vec<u8>>,
+    rows: MisfitRows,
+}
+
+/// What the rows of a misfit table stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MisfitRows {
+    /// A step of a run each.
+    Steps,
+    /// A whole run each: misfits summed and errors averaged over the steps, of which the last is named.
+    Runs,
 }
 
 impl Comparison<'_> {
@@ -28,7 +38,13 @@ impl Comparison<'_> {
     ///
     /// # Errors
     /// If the table cannot be read or written, or a run does not have the steps of the measurement.
-    pub fn stream(&self, source: &str, input: &mut dyn Read, output: &mut dyn Write) -> Result<()> {
+    pub fn stream(
+        &self,
+        source: &str,
+        input: &mut dyn Read,
+        output: &mut dyn Write,
+        rows: MisfitRows,
+    ) -> Result<()> {
         let table = RunTable::new(source, input, "sample")?;
         let columns =
             Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
@@ -37,6 +53,7 @@ impl Comparison<'_> {
             plain: PlainRows::new(&self.observations.control, &columns, table.format()),
             columns,
             steps: self.steps.clone().map(|step| format!("\t{step}\t").into_bytes()).collect(),
+            rows,
         };
         let more = if form.columns.sd.is_some() { "\tignorance" } else { "" };
         writeln!(output, "sample\tstep\tmisfit\terror\treadings\texpected{more}")
@@ -123,23 +140,35 @@ impl Comparison<'_> {
     fn write_rows(&self, sample: &str, run: &RunMisfit, form: &Form, output: &mut Vec<u8>) {
         let (readings, expected) =
             if self.covariance.is_noise { (0.0, run.expected) } else { (run.readings, 0.0) };
+        let steps = run.misfit.len() as f64;
+        let rows = if form.rows == MisfitRows::Runs { 1.0 } else { steps };
         let mut tail = Vec::new();
-        push_number(&mut tail, readings / run.misfit.len() as f64);
+        push_number(&mut tail, readings / rows);
         tail.push(b'\t');
-        push_number(&mut tail, expected / run.misfit.len() as f64);
+        push_number(&mut tail, expected / rows);
         if form.columns.sd.is_some() {
             tail.push(b'\t');
-            push_number(&mut tail, run.ignorance / run.misfit.len() as f64);
+            push_number(&mut tail, run.ignorance / rows);
         }
         tail.push(b'\n');
-        for ((step, misfit), error) in form.steps.iter().zip(&run.misfit).zip(&run.error) {
+        let mut write_row = |step: &[u8], misfit: f64, error: f64| {
             output.extend_from_slice(sample.as_bytes());
             output.extend_from_slice(step);
-            push_number(output, *misfit);
+            push_number(output, misfit);
             output.push(b'\t');
-            push_number(output, *error);
+            push_number(output, error);
             output.push(b'\t');
             output.extend_from_slice(&tail);
+        };
+        match (form.rows, form.steps.last()) {
+            (MisfitRows::Runs, Some(last)) => {
+                write_row(last, run.misfit.iter().sum(), run.error.iter().sum::<f64>() / steps);
+            }
+            _ => {
+                for ((step, misfit), error) in form.steps.iter().zip(&run.misfit).zip(&run.error) {
+                    write_row(step, *misfit, *error);
+                }
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl::cli::note;
-use gl::misfit::{Comparison, Covariance, Scale};
+use gl::misfit::{Comparison, Covariance, MisfitRows, Scale};
 use gl::observations::{ByName, Observations, Steps};
 use gl::table::{Sink, open, source_name};
 
@@ -38,6 +38,9 @@ struct Args {
     /// Steps to compare, from A up to but not including B
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
+    /// Write one row a run and not one a step: smaller, but without a history for gl-filter
+    #[arg(long)]
+    total: bool,
     /// Table of the ensemble; stdin when absent
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
     ensemble: PathBuf,
@@ -58,7 +61,8 @@ fn run(args: &Args) -> Result<()> {
     let comparison = Comparison::new(&observations, covariance, args.steps.unwrap_or(Steps::ALL))?;
     let mut input = open(&args.ensemble)?;
     let mut output = Sink::create(args.output.as_deref())?;
-    comparison.stream(&source_name(&args.ensemble), &mut input, &mut output)?;
+    let rows = if args.total { MisfitRows::Runs } else { MisfitRows::Steps };
+    comparison.stream(&source_name(&args.ensemble), &mut input, &mut output, rows)?;
     output.finish()
 }
 
