@@ -41,7 +41,7 @@ impl Comparison<'_> {
     pub fn stream(
         &self,
         source: &str,
-        input: &mut dyn Read,
+        input: &mut (dyn Read + Send),
         output: &mut dyn Write,
         rows: MisfitRows,
     ) -> Result<()> {
