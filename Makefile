@@ -10,6 +10,7 @@ export MAKE
 
 SHARE = $(DESTDIR)$(PREFIX)/share
 TOOLS := $(notdir $(wildcard tools/gl-*))
+BIN := target/release
 
 help:
 	@sed -n 's/^## //p' $(MAKEFILE_LIST)
@@ -28,12 +29,17 @@ test: build
 
 ## make build                       the tools, in target/release
 build:
-	@cargo build --release --workspace
+	@cargo build --release --workspace $(BUILD_OPTIONS)
 
 ## make calibrate CASE=… ENGINE=…   calibrate a case with ENGINE embedded, local, yade-batch, slurm or pbs;
 ##                                  ITERATIONS=N at most, or MORE=N beyond those that are there; into OUT
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
+
+## make iteration CASE=… SAMPLES=… RUNS=…   one iteration of runs that were made elsewhere, and the next samples;
+##                                  ITERATION=1, 2, … goes on; into OUT
+iteration: build
+	@ITERATION=$(or $(ITERATION),0) scripts/one-iteration $(CASE) $(SAMPLES) $(RUNS) $(OUT) || [ $$? -eq 1 ]
 
 ## make submit CASE=…              the same in the queue of SLURM, with nothing that must stay connected;
 ##                                  make status and make cancel OUT=… say how it gets on and end it
@@ -71,13 +77,13 @@ bench: build
 man: build
 	@mkdir -p out/man
 	@for tool in $(TOOLS); do for kind in man bash zsh fish; do \
-	     $$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; done
+	     $(BIN)/$$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; done
 
 ## make install PREFIX=…            tools, scripts, examples, manual pages and completions
 install: man
 	@install -d $(SHARE)/gl $(SHARE)/man/man1 $(SHARE)/bash-completion/completions $(SHARE)/zsh/site-functions \
 	 $(SHARE)/fish/vendor_completions.d $(DESTDIR)$(PREFIX)/bin
-	@install $(TOOLS:%=target/release/%) $(DESTDIR)$(PREFIX)/bin
+	@install $(TOOLS:%=$(BIN)/%) $(DESTDIR)$(PREFIX)/bin
 	@cp -r scripts examples $(SHARE)/gl
 	@for tool in $(TOOLS); do \
 	     install -m 644 out/man/$$tool.1 $(SHARE)/man/man1/; \
@@ -85,8 +91,22 @@ install: man
 	     install -m 644 out/man/$$tool.zsh $(SHARE)/zsh/site-functions/_$$tool; \
 	     install -m 644 out/man/$$tool.fish $(SHARE)/fish/vendor_completions.d/; done
 
+## make dist                        all of that in out/gl-VERSION-x86_64-linux.tar.gz, which runs wherever it is
+##                                  unpacked: the tools are linked statically, and tried in an empty chroot
+TARGET := x86_64-unknown-linux-gnu
+RELEASE := gl-$(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml)-x86_64-linux
+dist:
+	@rm -rf out/$(RELEASE)
+	@RUSTFLAGS='-C target-feature=+crt-static' $(MAKE) --no-print-directory install DESTDIR= PREFIX=out/$(RELEASE) \
+	 BIN=target/$(TARGET)/release BUILD_OPTIONS='--exclude pipelines --target $(TARGET)'
+	@cp -r README.md CHANGELOG.md LICENSE-* docs out/$(RELEASE)
+	@tar -C out --sort=name --owner=0 --group=0 --numeric-owner -czf out/$(RELEASE).tar.gz.part $(RELEASE)
+	@tests/dist/check out/$(RELEASE).tar.gz.part
+	@mv out/$(RELEASE).tar.gz.part out/$(RELEASE).tar.gz
+	@echo "The release is out/$(RELEASE).tar.gz"
+
 ## make clean                       what calibrations wrote; the build stays
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate submit status cancel report diagnose withheld bench man install clean
+.PHONY: help demo test build calibrate iteration submit status cancel report diagnose withheld bench man install dist clean

@@ -19,7 +19,7 @@ SAMPLING ?= mixture
 ESS ?= 0.2
 EMULATED ?= 1000
 MAX_FAILED ?= 0.5
-export CASE
+export CASE PACKED
 
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
 COMPARE := -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \

@@ -14,6 +14,7 @@ cluster_settings() {
     declare -gA site=(
         [PARTITION]='' [ACCOUNT]='' [QOS]='' [TIME]='' [MEM]='' [THREADS]=1 [MODULES]='' [SCRATCH]=''
         [ROWS_PER_TASK]=1 [MAX_CONCURRENT]='' [RUN_TIMEOUT]="${RUN_TIMEOUT:-}" [RETRIES]=0 [POLL]=''
+        [PACKED]="${PACKED:-}"
     )
     [ -e "$file" ] || return 0
     while IFS= read -r line || [ -n "$line" ]; do
@@ -29,6 +30,7 @@ cluster_settings() {
         case $key in
             THREADS | ROWS_PER_TASK | MAX_CONCURRENT)
                 [[ $value =~ ^[1-9][0-9]*$ ]] || die "$file:$number: $key: \"$value\" is no number above 0" ;;
+            PACKED) [[ $value =~ ^[01]?$ ]] || die "$file:$number: PACKED: \"$value\"; give 1 for packed runs, or 0" ;;
             RETRIES | POLL)
                 [[ $value =~ ^[0-9]+$ ]] || die "$file:$number: $key: \"$value\" is no number" ;;
         esac
@@ -42,9 +44,10 @@ prepare_tasks() {
     # shellcheck disable=SC2034  # submit_tasks reads it
     tasks=$((($# + site[ROWS_PER_TASK] - 1) / site[ROWS_PER_TASK]))
     printf '%s\n' "$ME" >"$GL_DIR/.run/engine"
+    packing "${site[PACKED]}"
     {
         printf 'export %s=%q\n' GL_DIR "$GL_DIR" GL_TABLE "$GL_TABLE" GL_MODEL "$GL_MODEL" CASE "$CASE" \
-            PYTHONPATH "$PYTHONPATH" GL_THREADS "${site[THREADS]}" RUN_TIMEOUT "${site[RUN_TIMEOUT]}"
+            PYTHONPATH "$PYTHONPATH" GL_THREADS "${site[THREADS]}" GL_PACKED "$GL_PACKED" RUN_TIMEOUT "${site[RUN_TIMEOUT]}"
         printf '%s=%q\n' MODULES "${site[MODULES]}" SCRATCH "${site[SCRATCH]}" \
             ROWS_PER_TASK "${site[ROWS_PER_TASK]}"
     } >"$GL_DIR/.run/task.env"

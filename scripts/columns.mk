@@ -1,5 +1,8 @@
 # What calibrate.mk and diagnose.mk read from a case: its tables, its model, the names of its columns.
 
+# Where no tools are in PATH: those that were built or installed with these scripts.
+export PATH := $(PATH):$(abspath $(SCRIPTS)../target/release):$(abspath $(SCRIPTS)../../../bin)
+
 PARAMS := $(CASE)/params.txt
 OBS := $(CASE)/obs.txt
 ENGINE_MODEL := $(or $(MODEL_$(subst -,_,$(ENGINE))),$(MODEL))

@@ -6,6 +6,8 @@ set -euo pipefail
 export LC_ALL=C
 ME=${0##*/}
 HERE=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# Where no tools are in PATH: those that were built or installed with this script.
+PATH=$PATH:$HERE/../target/release:$HERE/../../../bin
 
 say() { printf '%s: %s\n' "$ME" "$*" >&2; }
 die() { say "$*"; exit 2; }
@@ -32,6 +34,12 @@ arguments() {
     export CASE GL_TABLE GL_MODEL GL_DIR
     # Yade scripts import gl_yade from here.
     export PYTHONPATH=$HERE${PYTHONPATH:+:$PYTHONPATH}
+}
+
+# packing YES: sets and exports GL_PACKED for run-row, from what a user calls PACKED.
+packing() {
+    case $1 in '' | 0 | 1) ;; *) die "PACKED=$1: give 1 for packed runs, or 0" ;; esac
+    export GL_PACKED=${1#0}
 }
 
 # Take DIR for this engine: nothing else runs there any more, so that what is left in .run belongs to
@@ -135,10 +143,11 @@ canonical_table() {
     ' <"$1"
 }
 
-# missing_rows all|LINE...: line numbers, in GL_TABLE, of those rows whose run is not complete. Complete is: both files are there, the simulation has rows and a newline at its end, and
-# the parameters are the row's.
+# missing_rows all|LINE...: line numbers, in GL_TABLE, of those rows whose run is not complete. Complete is:
+# both files are there, packed or not, the simulation has rows and a newline at its end, and the
+# parameters are the row's.
 missing_rows() {
-    DIR=$GL_DIR LINES_TO_CHECK=$* awk -F '\t' '
+    packed_files "$@" | DIR=$GL_DIR LINES_TO_CHECK=$* awk -F '\t' '
         function slurp(path,    text) {
             if ((getline text < path) <= 0) text = ""
             close(path)
@@ -167,6 +176,27 @@ missing_rows() {
             }
             return 1
         }
+        # Ticks off the rows whose run is in a packed file, up to where the file is cut off.
+        function look_into(path,    line, word, text, parameters, bytes, lines) {
+            while ((getline line < path) > 0 && split(line, word, " ") == 4 && word[1] word[2] == "#file") {
+                text = ""
+                bytes = lines = 0
+                while (bytes < word[4] && (getline line < path) > 0) {
+                    bytes += length(line) + 1
+                    if (lines++ < 2) text = text line "\n"
+                }
+                if (bytes < word[4]) break
+                # A line end follows, which is the last one where the file itself has none.
+                if (bytes == word[4] && (getline line < path) <= 0) break
+                if (sub(/_param\.txt$/, "", word[3])) {
+                    parameters[word[3]] = text
+                } else if (bytes == word[4] && lines > 1 && sub(/_sim\.txt$/, "", word[3]) && word[3] in place) {
+                    if (has_parameters(parameters[word[3]], row[place[word[3]]])) delete row[place[word[3]]]
+                    delete parameters[word[3]]
+                }
+            }
+            close(path)
+        }
         BEGIN {
             all = ENVIRON["LINES_TO_CHECK"] == "all"
             for (j = split(ENVIRON["LINES_TO_CHECK"], wanted, " "); j; j--) check[wanted[j]]
@@ -176,22 +206,61 @@ missing_rows() {
             for (j = 1; j <= NF; j++) { name[j] = $j; if ($j == "description") description = j }
             next
         }
-        all || NR in check { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description }
+        FNR != NR { look_into($0); next }
+        all || NR in check { row[NR] = $0; base[NR] = ENVIRON["DIR"] "/" $description; place[$description] = NR }
+        { rows = NR }
         END {
             RS = "\001"  # a whole file is one record
-            for (i = 2; i <= NR; i++)
+            for (i = 2; i <= rows; i++)
                 if (i in row && (!has_rows(slurp(base[i] "_sim.txt")) || !has_parameters(slurp(base[i] "_param.txt"), row[i])))
                     print i
         }
-    ' "$GL_TABLE"
+    ' "$GL_TABLE" -
 }
 
-# read_row LINE: sets columns (their names), cell[NAME] and description from a row of GL_TABLE.
+# packed_files all|LINE...: the packed files in which runs of these rows can be: those that begin with one
+# of them, since a task packs its own rows.
+packed_files() {
+    if [ "$*" = all ]; then
+        find "$GL_DIR" -maxdepth 1 -name '*_packed.txt'
+        return
+    fi
+    local line
+    read_rows "$@"
+    for line; do
+        read_row "$line"
+        own_packs
+    done
+}
+
+# own_packs: the packed files that begin with the run `description`, and then the name of the next one.
+own_packs() {
+    local number=1 file=$GL_DIR/${description}_packed.txt
+    while [ -e "$file" ]; do
+        printf '%s\n' "$file"
+        number=$((number + 1))
+        file=$GL_DIR/$description.${number}_packed.txt
+    done
+    printf '%s\n' "$file"
+}
+
+# read_rows LINE...: sets columns, their names, and row[LINE], these rows of GL_TABLE.
+read_rows() {
+    local number text
+    IFS=$'\t' read -ra columns <"$GL_TABLE"
+    declare -gA row=()
+    while IFS=$'\t' read -r number text; do row[$number]=$text; done < <(
+        # The header, so that there is something to look for.
+        printf '%s\n' 1 "$@" |
+            awk 'NR == FNR { wanted[$1]; left++; next } FNR in wanted { print FNR "\t" $0; if (!--left) exit }' - "$GL_TABLE"
+    )
+}
+
+# read_row LINE: sets cell[NAME] and description, from a row that read_rows has read.
 read_row() {
     local fields j
-    IFS=$'\t' read -ra columns < <(sed -n 1p "$GL_TABLE")
-    IFS=$'\t' read -ra fields < <(sed -n "${1}p" "$GL_TABLE")
-    [ "${#fields[@]}" -gt 0 ] || die "$GL_TABLE: no line $1"
+    [ -n "${row[$1]-}" ] || die "$GL_TABLE: no line $1"
+    IFS=$'\t' read -ra fields <<<"${row[$1]}"
     unset cell
     declare -gA cell
     for j in "${!columns[@]}"; do cell[${columns[j]}]=${fields[j]}; done
@@ -238,9 +307,11 @@ model_words() { mapfile -d '' -t words < <(xargs printf '%s\0' <<<"$GL_MODEL"); 
 # report BEFORE...: how it went, from the line numbers that were missing before. Fails if a row was
 # not even tried.
 report() {
-    local line tried=$# rows failed=0 untried=0 names=''
+    local line missing tried=$# rows failed=0 untried=0 names=''
     rows=$(($(wc -l <"$GL_TABLE") - 1))
-    while read -r line; do
+    mapfile -t missing < <(missing_rows all)
+    read_rows "${missing[@]}"
+    for line in "${missing[@]}"; do
         read_row "$line"
         # A status older than the table is that of an earlier call.
         if [ -e "$GL_DIR/$description.status" ] && [ ! "$GL_TABLE" -nt "$GL_DIR/$description.status" ]; then
@@ -250,7 +321,7 @@ report() {
         else
             untried=$((untried + 1))
         fi
-    done < <(missing_rows all)
+    done
     say "$rows rows: $((rows - tried)) complete before, $((tried - failed - untried)) run, $failed failed${names:+:$names}"
     rm -rf "$GL_DIR/.run"
     [ "$untried" -eq 0 ] || { say "$untried rows were not tried; call again to go on"; return 1; }

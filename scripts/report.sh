@@ -1,6 +1,10 @@
 # shellcheck shell=bash
 # What both reports say, as tables of tabs and as sentences. Sourced, with CASE, ENGINE and here set.
 
+# Where no tools are in PATH: those that were built or installed with this script.
+# shellcheck disable=SC2154  # here is set by the script that sources this
+PATH=$PATH:$here/../target/release:$here/../../../bin
+
 # setting KEY: its value in case.env.
 setting() { sed -n "s/^$1=//p" "$CASE/case.env" | tail -n 1; }
 

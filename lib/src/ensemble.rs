@@ -252,12 +252,29 @@ impl Ensemble {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, path: Option<&Path>) -> Result<()> {
+        let mut table = self.begin(path)?;
+        self.write_rows(&mut table)?;
+        table.finish()
+    }
+
+    /// Begin an ensemble table with the columns of this ensemble.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn begin(&self, path: Option<&Path>) -> Result<TableWriter> {
         let mut columns = vec!["sample".to_owned(), "step".to_owned(), self.control_name.clone()];
         columns.extend(self.observables.iter().cloned());
         if self.sd.is_some() {
             columns.extend(self.observables.iter().map(|name| format!("{name}_sd")));
         }
-        let mut table = TableWriter::create(path, &columns)?;
+        TableWriter::create(path, &columns)
+    }
+
+    /// Add the rows of all runs to a table that was begun with the columns of this ensemble.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_rows(&self, table: &mut TableWriter) -> Result<()> {
         let steps = step_texts(&self.control);
         let runs: Vec<usize> = (0..self.len()).collect();
         for several in runs.chunks(RUNS_A_PIECE * 4 * rayon::current_num_threads()) {
@@ -267,7 +284,7 @@ impl Ensemble {
                 table.rows(&piece)?;
             }
         }
-        table.finish()
+        Ok(())
     }
 
     /// Rows of some runs, as text.

@@ -139,6 +139,7 @@ ACCOUNT=$(touch hit)|ACCOUNT
 MODULES=a;b|MODULES
 ROWS_PER_TASK=0|ROWS_PER_TASK
 THREADS=two|THREADS
+PACKED=yes|PACKED
 END
     absent hit
 }
@@ -169,6 +170,47 @@ forty_runs_in_pbs_and_a_second_call_takes_what_is_missing() {
     same "$(sort -n started)" $'7\n9\n11'
     # What is left is one task, of which PBS makes no array.
     same "$(tail -n 1 pbs/calls | grep -c -- -J)" 0
+}
+
+packed_runs_in_slurm_leave_a_file_a_task() {
+    with_slurm
+    with_model RETRIES=1 PACKED=1
+    ends_with 0 run-slurm samples.txt "$model" runs
+    says '38 run, 2 failed: r09 (4) r11 (124 TIMEOUT)'
+    # The first run of each task, and the one that came out well later.
+    same "$(cd runs && ls ./*_packed.txt)" "$(printf './r%s_packed.txt\n' 00 04 07 08 12 16 20 24 28 32 36)"
+    ends_with 0 unpack runs/*_packed.txt unpacked
+    same "$(cat unpacked/r12_sim.txt)" $'u\tf\n0\t12'
+    same "$(find unpacked -type f | wc -l)" 76
+    rm runs/*_packed.txt runs/slurm.log
+    same "$(ls -A runs)" $'r09.log\nr09.status\nr11.log\nr11.status'
+}
+
+packed_runs_in_pbs_leave_a_file_a_task_and_a_second_call_takes_what_is_missing() {
+    with_pbs
+    with_model PACKED=1
+    ends_with 0 run-pbs samples.txt "$model" runs
+    says '40 rows: 0 complete before, 37 run, 3 failed: r07 (3) r09 (4) r11 (124 TIMEOUT)'
+    same "$(find runs -name '*_packed.txt' | wc -l)" 10
+    truncate -s -1 runs/r36_packed.txt
+    rm started
+    ends_with 0 run-pbs samples.txt "$model" runs
+    same "$(sort -n started)" $'7\n9\n11\n39'
+}
+
+a_task_that_is_started_again_goes_on_where_it_was() {
+    with_pbs
+    export FAKE_PBS_STARTS=2
+    local packed
+    for packed in 0 1; do
+        rm -rf started failed
+        with_model RUN_TIMEOUT=1 PACKED=$packed
+        ends_with 0 run-pbs samples.txt "$model" "runs$packed"
+        says '38 run, 2 failed'
+        same "$(sort -n started | uniq -d)" $'7\n9\n11'
+    done
+    # What the second start has run is in a file of its own.
+    same "$(find runs1 -name '*_packed.txt' | wc -l)" 11
 }
 
 torque_gets_a_job_a_task() {

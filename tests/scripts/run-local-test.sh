@@ -267,6 +267,79 @@ after_a_full_disk_the_same_call_goes_on() {
     same "$(cat small/runs/r0_sim.txt)" $'u\tf\n0\t1'
 }
 
+packed_runs_are_those_of_loose_files() {
+    with_model
+    with_table 1.5 2 3 4.5 5 6
+    RUN_TIMEOUT=1 ends_with 0 run-local samples.txt "$model" loose
+    RUN_TIMEOUT=1 JOBS=1 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    says '6 rows: 0 complete before, 3 run, 3 failed'
+    # One file for two rows a process, and what tells of failures.
+    same "$(ls -A runs)" "$(printf '%s\n' r{0,5}_packed.txt r{2,3,4}.log r{2,3,4}.status | sort)"
+    ends_with 0 unpack runs/*_packed.txt unpacked
+    rm loose/*.log loose/*.status
+    diff -r loose unpacked
+    rm started
+    RUN_TIMEOUT=1 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    same "$(sort started)" $'r2\nr3\nr4'
+    PACKED=yes ends_with 2 run-local samples.txt "$model" runs
+    says 'PACKED=yes'
+}
+
+of_a_packed_file_that_is_cut_off_the_rest_is_run_again() {
+    with_model
+    with_table 1 2 6 7
+    local size rows
+    JOBS=1 PACKED=1 ends_with 0 run-local samples.txt "$model" whole
+    size=$(cat whole/*_packed.txt | wc -c)
+    ends_with 0 unpack whole/*_packed.txt expected
+    for ((left = 0; left < size; left += 17)); do
+        rm -rf runs started
+        mkdir runs
+        cat whole/*_packed.txt | head -c "$left" >runs/r0_packed.txt
+        rows=$((left / (size / 4)))
+        PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+        says "4 rows: $rows complete before, $((4 - rows)) run, 0 failed"
+        same "$(wc -l <started)" $((4 - rows))
+        rm -rf there
+        unpack runs/*_packed.txt there 2>/dev/null || [ $((left % (size / 4))) -gt 0 ]
+        diff -r there expected
+    done
+    # Parameters that are no longer those of the table.
+    with_table 1 2 6 7.5
+    rm started
+    PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    same "$(cat started)" r3
+}
+
+a_run_is_taken_packed_or_loose() {
+    with_model
+    with_table 1 2
+    PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    with_table 1 2 6
+    ends_with 0 run-local samples.txt "$model" runs
+    with_table 1 2 6 7
+    PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    same "$(sort started | uniq -c | tr -s ' ')" $' 1 r0\n 1 r1\n 1 r2\n 1 r3'
+}
+
+what_else_a_packed_run_writes_stays_beside() {
+    with_table 1
+    PACKED=1 ends_with 0 run-local samples.txt "sh -c 'printf \"u f\\n0 1\\n\" | tee {description}_sim.txt >{description}_grains.txt'" runs
+    same "$(ls -A runs)" $'r0_grains.txt\nr0_packed.txt'
+}
+
+damage_in_a_packed_file_is_said_when_it_is_unpacked() {
+    printf '%s\n' '# file a_sim.txt 4' 'u' '1' '' '# file ../b_sim.txt 2' 1 '' >x_packed.txt
+    ends_with 2 unpack x_packed.txt there
+    says 'x_packed.txt:5: no file of a run begins here'
+    same "$(cat there/a_sim.txt)" $'u\n1'
+    absent b_sim.txt
+    printf '# file a_sim.txt 9\nu\n1\n' >y_packed.txt
+    ends_with 2 unpack y_packed.txt there
+    says 'y_packed.txt:3: cut off in a_sim.txt'
+    absent there/a_sim.txt
+}
+
 the_measurements_are_what_their_scripts_make() {
     cp -r "$ROOT/examples" .
     local name

@@ -3,6 +3,7 @@
 pub mod calibration;
 pub mod folder;
 pub mod line;
+pub mod packed;
 pub mod withheld;
 
 use std::env;

@@ -2,7 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
@@ -98,7 +99,7 @@ fn the_number_of_threads_makes_no_difference() {
 }
 
 /// When each finished run was written.
-fn written(folder: &Folder, out: &str) -> Vec<(std::path::PathBuf, SystemTime)> {
+fn written(folder: &Folder, out: &str) -> Vec<(PathBuf, SystemTime)> {
     let mut times = Vec::new();
     for i in 0.. {
         let Ok(entries) = std::fs::read_dir(folder.path(&format!("{out}/iter{i}/runs"))) else { break };
@@ -111,36 +112,99 @@ fn written(folder: &Folder, out: &str) -> Vec<(std::path::PathBuf, SystemTime)> 
     times
 }
 
-/// Kill a calibration at `kills` random moments, start it again each time, and compare its end with that
-/// of one left in peace.
-fn survives(case: &str, engine: &str, settings: &[(&str, &str)], kills: u32, seed: u64) {
+/// The finished runs in packed files, one entry for each time that one was packed.
+fn packed(folder: &Folder, out: &str) -> Vec<String> {
+    let mut names = Vec::new();
+    for (path, bytes) in folder.files() {
+        let path = path.display().to_string();
+        if !(path.starts_with(&format!("{out}/")) && path.ends_with("_packed.txt")) {
+            continue;
+        }
+        let mut rest = String::from_utf8(bytes).unwrap();
+        while let Some((head, after)) = rest.split_once('\n') {
+            let [_, _, name, size] = head.split(' ').collect::<Vec<_>>()[..] else {
+                panic!("{path}: {head}")
+            };
+            let Some(after) = after.get(size.parse::<usize>().unwrap() + 1..) else { break };
+            names.extend(name.strip_suffix("_sim.txt").map(str::to_owned));
+            rest = after.to_owned();
+        }
+    }
+    names
+}
+
+/// Kill calibrations at random moments, `kills` times in all. Each is started again until it ends, when its
+/// tables are those of one left in peace, whose folder is returned; then the next is begun.
+fn survives(case: &str, engine: &str, settings: &[(&str, &str)], kills: usize, seed: u64) -> Folder {
     let folder = Folder::default();
     copy_case(&folder, case, settings);
+    let is_packed = settings.contains(&("PACKED", "1"));
     let start = Instant::now();
     finish(&mut calibrate(&folder, engine, "whole"));
-    // Start-up included, a call gets this far in the calibration before it is killed, on average.
-    let stretch = start.elapsed() / (kills / 2);
+    let longest = start.elapsed().mul_f64(0.4);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    for _ in 0..kills {
-        let mut command = calibrate(&folder, engine, "cut");
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        sleep(stretch.mul_f64(rng.random_range(0.02..1.5)));
-        kill_group(&mut child);
+    let (mut killed, mut among_runs) = (0, 0);
+    for out in (0..).map(|i| format!("cut{i}")) {
+        let mut before = Vec::new();
+        let mut is_over = false;
+        while !is_over {
+            let mut command = calibrate(&folder, engine, &out);
+            let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+            if killed < kills {
+                sleep(longest.mul_f64(rng.random()));
+                kill_group(&mut child);
+            }
+            let status = child.wait().unwrap();
+            is_over = status.signal().is_none();
+            assert!(!is_over || status.success(), "{status}");
+            killed += usize::from(!is_over);
+            among_runs += usize::from(!is_over && runs_are_made(&folder, &out));
+            let after = written(&folder, &out);
+            for run in &before {
+                assert!(after.contains(run), "{} was run again", run.0.display());
+            }
+            before = after;
+        }
+        let (whole, cut) = (tables(&folder, "whole"), tables(&folder, &out));
+        for (file, bytes) in &whole {
+            assert!(cut[file] == *bytes, "{} of {out} differs", file.display());
+        }
+        let (whole, cut) = (file_names(&folder, "whole"), file_names(&folder, &out));
+        let strays: Vec<_> = whole.symmetric_difference(&cut).collect();
+        assert!(strays.is_empty(), "not in both: {strays:?}");
+        if is_packed {
+            let mut runs = packed(&folder, &out);
+            runs.sort();
+            assert!(runs.is_sorted_by(|one, next| one < next), "run again: {runs:?}");
+        }
+        if killed >= kills {
+            assert!(among_runs > kills / 10, "{among_runs} of {kills} kills fell among the runs");
+            break;
+        }
     }
-    let before = written(&folder, "cut");
-    finish(&mut calibrate(&folder, engine, "cut"));
-    let after = written(&folder, "cut");
-    for run in &before {
-        assert!(after.contains(run), "{} was run again", run.0.display());
-    }
-    let (whole, cut) = (tables(&folder, "whole"), tables(&folder, "cut"));
-    assert_eq!(whole.keys().collect::<Vec<_>>(), cut.keys().collect::<Vec<_>>());
-    for (file, bytes) in &whole {
-        assert!(cut[file] == *bytes, "{} differs", file.display());
-    }
-    let strays: Vec<_> =
-        folder.files().into_keys().filter(|file| file.display().to_string().ends_with(".part")).collect();
-    assert!(strays.is_empty(), "{strays:?}");
+    folder
+}
+
+/// Whether the runs of the last iteration are not collected yet.
+fn runs_are_made(folder: &Folder, out: &str) -> bool {
+    let iterations =
+        (0..).map(|i| format!("{out}/iter{i}")).take_while(|iteration| folder.path(iteration).exists());
+    iterations.last().is_some_and(|iteration| !folder.path(&format!("{iteration}/ensemble.txt")).exists())
+}
+
+/// All files of a calibration; packed files, whose names and number are a matter of chance, as one.
+fn file_names(folder: &Folder, out: &str) -> BTreeSet<PathBuf> {
+    let files = folder.files().into_keys();
+    files
+        .filter_map(|file| file.strip_prefix(out).map(PathBuf::from).ok())
+        .map(|file| {
+            if file.display().to_string().ends_with("_packed.txt") {
+                file.with_file_name("packed")
+            } else {
+                file
+            }
+        })
+        .collect()
 }
 
 #[test]
@@ -148,9 +212,20 @@ fn a_calibration_killed_at_any_moment_ends_with_the_same_bytes() {
     survives("collision", "embedded", &[("NUM", "60")], 12, 1);
 }
 
+/// A hundred kills, which leave nothing behind and lose nothing.
 #[test]
 fn a_calibration_of_processes_killed_at_any_moment_ends_with_the_same_bytes() {
-    survives("linear", "local", &[("NUM", "16"), ("ITERATIONS", "3")], 12, 2);
+    survives("linear", "local", &[("NUM", "12"), ("ITERATIONS", "2")], 100, 2);
+}
+
+#[test]
+fn packed_runs_killed_at_any_moment_end_with_the_bytes_of_loose_ones() {
+    let settings = [("NUM", "12"), ("ITERATIONS", "2")];
+    let loose = Folder::default();
+    copy_case(&loose, "linear", &settings);
+    finish(&mut calibrate(&loose, "local", "whole"));
+    let packed = survives("linear", "local", &[settings[0], settings[1], ("PACKED", "1")], 20, 3);
+    assert_eq!(tables(&loose, "whole"), tables(&packed, "whole"));
 }
 
 #[test]

@@ -40,6 +40,13 @@ enum Inner {
 
 const BUFFER: usize = 1 << 18;
 
+/// Whether a table at `path` appears whole or not at all. What goes to standard output (`path` absent or
+/// `-`), a pipe or a device cannot be taken back.
+pub fn appears_whole(path: Option<&Path>) -> bool {
+    path.filter(|path| *path != Path::new("-"))
+        .is_some_and(|path| fs::metadata(path).map_or(true, |metadata| metadata.is_file()))
+}
+
 impl Sink {
     /// Standard output if `path` is absent or `-`, else the file at `path`.
     ///

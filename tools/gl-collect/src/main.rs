@@ -7,10 +7,11 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl::cli::note;
-use gl::collect::{Collected, Collection};
+use gl::collect::{Collection, Failure};
+use gl::ensemble::Ensemble;
 use gl::observations::Observations;
 use gl::samples::Samples;
-use gl::table::TableWriter;
+use gl::table::{TableWriter, appears_whole};
 
 /// Bring the runs onto the steps of the measurement, leaving out those that failed
 #[derive(Parser)]
@@ -28,7 +29,7 @@ struct Args {
     /// Observables, comma-separated; NAME=OTHER where the runs call one otherwise
     #[arg(short = 'v', long, value_name = "NAME[=OTHER],…", value_delimiter = ',', required = true)]
     observables: Vec<Column>,
-    /// Folders that hold <description>_sim.txt and <description>_param.txt
+    /// Folders that hold <description>_sim.txt and <description>_param.txt, or packed files *_packed.txt
     #[arg(value_name = "DIR", required = true)]
     folders: Vec<PathBuf>,
     /// Where the state of every run goes: sample status detail
@@ -72,25 +73,89 @@ fn run(args: &Args) -> Result<()> {
     let samples = Samples::read(&args.samples)?;
     let measured: Vec<String> = args.observables.iter().map(|column| column.measured.clone()).collect();
     let observations = Observations::read(&args.observations, &args.control.measured, &measured)?;
-    let collected = Collection {
+    let collection = Collection {
         observations: &observations,
         control: args.control.simulated.clone(),
         observables: args.observables.iter().map(|column| column.simulated.clone()).collect(),
         folders: args.folders.clone(),
         rtol: args.rtol,
         end_tolerance: args.end_tolerance,
+    };
+    let output = args.output.as_deref();
+    let begin = || Ensemble::new(&observations, false).begin(output);
+    if appears_whole(output) {
+        let mut table = begin()?;
+        let status = collection.collect(&samples, |runs| runs.write_rows(&mut table))?;
+        report(args, &samples, &status)?;
+        return table.finish();
     }
-    .collect(&samples)?;
-    if let Some(path) = &args.status {
-        write_status(path, &samples, &collected)?;
+    // What is on stdout stays there: too many failed runs must be known before. Runs that are too many
+    // to be held until then are read twice.
+    let mut held = Held::default();
+    let status = collection.collect(&samples, |runs| {
+        held.push(runs);
+        Ok(())
+    })?;
+    report(args, &samples, &status)?;
+    let mut table = begin()?;
+    match held.runs() {
+        Some(runs) => runs.iter().try_for_each(|runs| runs.write_rows(&mut table))?,
+        None => drop(collection.collect(&samples, |runs| runs.write_rows(&mut table))?),
     }
-    report_failures(&samples, &collected, args.max_failed)?;
-    collected.ensemble.write(args.output.as_deref())
+    table.finish()
 }
 
-fn write_status(path: &Path, samples: &Samples, collected: &Collected) -> Result<()> {
+/// Runs that are held in memory, unless they are too many.
+#[derive(Default)]
+struct Held {
+    runs: Vec<Ensemble>,
+    values: usize,
+}
+
+impl Held {
+    const MOST: usize = 10_000_000;
+
+    fn push(&mut self, runs: Ensemble) {
+        self.values += runs.len() * runs.observables.len() * runs.steps();
+        if self.values <= Self::MOST {
+            self.runs.push(runs);
+        } else {
+            self.runs.clear();
+        }
+    }
+
+    fn runs(&self) -> Option<&[Ensemble]> {
+        (self.values <= Self::MOST).then_some(&self.runs)
+    }
+}
+
+/// What became of each sample.
+type Status = [Result<(), Failure>];
+
+/// Write the status table, then count the failed runs on stderr, with the first as an example; too many are
+/// an error.
+fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
+    if let Some(path) = &args.status {
+        write_status(path, samples, status)?;
+    }
+    let total = samples.len();
+    let mut failures =
+        samples.names.iter().zip(status).filter_map(|(name, s)| Some((name, s.as_ref().err()?)));
+    let Some((name, failure)) = failures.next() else { return Ok(()) };
+    let failed = 1 + failures.count();
+    note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
+    ensure!(
+        failed < total && failed as f64 <= args.max_failed * total as f64,
+        "{failed} of {total} runs failed, more than --max-failed {} allows; \
+         --status FILE lists the reason of each",
+        args.max_failed
+    );
+    Ok(())
+}
+
+fn write_status(path: &Path, samples: &Samples, status: &Status) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &["sample", "status", "detail"])?;
-    for (name, status) in samples.names.iter().zip(&collected.status) {
+    for (name, status) in samples.names.iter().zip(status) {
         match status {
             Ok(()) => table.text(name).text("ok").text(""),
             Err(failure) => table.text(name).text(failure.reason()).text(failure.detail()),
@@ -98,21 +163,6 @@ fn write_status(path: &Path, samples: &Samples, collected: &Collected) -> Result
         table.end_row()?;
     }
     table.finish()
-}
-
-/// Count the failed runs on stderr, with the first as an example; too many are an error.
-fn report_failures(samples: &Samples, collected: &Collected, max_failed: f64) -> Result<()> {
-    let (failed, total) = (collected.failed(), samples.len());
-    let mut failures =
-        samples.names.iter().zip(&collected.status).filter_map(|(name, s)| Some((name, s.as_ref().err()?)));
-    let Some((name, failure)) = failures.next() else { return Ok(()) };
-    note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
-    ensure!(
-        failed < total && failed as f64 <= max_failed * total as f64,
-        "{failed} of {total} runs failed, more than --max-failed {max_failed} allows; \
-         --status FILE lists the reason of each"
-    );
-    Ok(())
 }
 
 fn main() -> ExitCode {
