@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use crate::alignment::align;
 use crate::ensemble::Ensemble;
 use crate::observations::Observations;
+use crate::progress::stage;
 use crate::samples::Samples;
 use crate::table::{Format, Rows, parse_number};
 
@@ -109,8 +110,13 @@ impl Collection<'_> {
         for folder in &self.folders {
             fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
         }
-        let runs: Vec<Result<Vec<Vec<f64>>, Failure>> =
-            (0..samples.len()).into_par_iter().map(|i| self.run(samples, i)).collect::<Result<_>>()?;
+        let stage = stage("reading runs", samples.len());
+        let runs: Vec<Result<Vec<Vec<f64>>, Failure>> = (0..samples.len())
+            .into_par_iter()
+            .map(|i| self.run(samples, i))
+            .inspect(|_| stage.advance())
+            .collect::<Result<_>>()?;
+        drop(stage);
         let mut ensemble = Ensemble::new(self.observations, false);
         let mut status = Vec::with_capacity(runs.len());
         for (name, run) in samples.names.iter().zip(runs) {
