@@ -120,10 +120,13 @@ impl Pairs {
                 named.iter().filter(|_| !self.samples.is_empty() && !self.close_up).map(of).collect()
             })
             .collect();
-        let highest: Vec<f64> = marginals
-            .iter()
-            .zip(&looked)
-            .map(|(density, looked)| looked.iter().flatten().chain(density).copied().fold(0.0, f64::max))
+        let highest_of = |curves: &[Vec<f64>]| curves.iter().flatten().copied().fold(0.0, f64::max);
+        let highest: Vec<f64> = (0..n)
+            .map(|j| {
+                let own = highest_of(&marginals[j..=j]);
+                // A sharp proposal may leave the panel, but must not press the posterior flat.
+                own.max(highest_of(&looked[j]).min(1.5 * own))
+            })
             .collect();
 
         let mut figure = Figure::new(format!("Pairs of {}", names.join(", ")), style.width);
