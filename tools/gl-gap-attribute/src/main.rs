@@ -75,7 +75,8 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (a line with a bend that the base model lacks):
-  printf 'name lower upper effect off\\na 0 2 - -\\nbend 0.1 2 bending 0\\n' > params.txt
+  printf 'name lower upper effect off\\na 0 2 - -\\n' > params.txt
+  printf 'bend 0.1 2 bending 0\\n' >> params.txt
   gl-sample -p params.txt -n 60 --effects switch -o samples.txt
   awk 'BEGIN { print \"sample step x y\" }
     NR > 1 { for (i = 0; i < 20; i++)
