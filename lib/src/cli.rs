@@ -1,5 +1,7 @@
 //! What every tool does alike: its arguments, exit codes and the last message.
 
+mod line;
+
 use std::env;
 use std::io::{self, Write};
 use std::process::{self, ExitCode};
@@ -8,10 +10,13 @@ use anyhow::{Error, Result, bail};
 use clap::{Command, Parser};
 use clap_complete::Shell;
 
+use crate::progress;
+
 /// A tool's arguments.
 ///
 /// Ends the program, as [`Parser::parse`] does, for arguments that are wrong and for `--help`; and for
-/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions.
+/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions. From here on
+/// long computations show their progress, where stderr is a terminal.
 #[allow(clippy::exit)]
 pub fn parse<A: Parser>() -> A {
     let arguments: Vec<_> = env::args_os().skip(1).collect();
@@ -23,7 +28,11 @@ pub fn parse<A: Parser>() -> A {
         let outcome = finish(&name, generate(&mut command, &kind.to_string_lossy()));
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
-    A::parse()
+    let arguments = A::parse();
+    if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
+        progress::watch(Box::new(line));
+    }
+    arguments
 }
 
 /// Write a manual page or completions to standard output.

@@ -12,6 +12,7 @@ use crate::gap::hypothesis::{Candidate, name};
 use crate::gap::mode::standard_normal;
 use crate::observations::Observations;
 use crate::prior::Prior;
+use crate::progress::stage;
 use crate::samples::Samples;
 
 /// A run that was called the measurement.
@@ -85,6 +86,7 @@ pub fn self_check(
     runs.shuffle(&mut random);
     runs.truncate(count);
     let group = (design.ensemble.len() / AT_ONCE).max(1);
+    let stage = stage("checking itself", count);
     let mut checked = Vec::new();
     for taken in runs.chunks(group) {
         let mut rest = Ensemble::new(observations, false);
@@ -125,6 +127,7 @@ pub fn self_check(
                 first,
                 probability,
             });
+            stage.advance();
         }
     }
     Ok(checked)

@@ -1,5 +1,7 @@
 //! Weigh the runs by sequential Monte Carlo.
 
+mod course;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -7,15 +9,15 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl::cli::note;
-use gl::filter::{Noise, Runs, Target, Weighting, weigh, weigh_emulated};
+use gl::filter::{Noise, Runs, Target, weigh, weigh_emulated};
 use gl::misfit::Misfits;
 use gl::prior::{Parameter, Prior};
 use gl::proposal::{Proposal, ln_balance_heuristic};
 use gl::samples::Samples;
-use gl::statistics::{ess_fraction, mean, sd};
 use gl::summary::{Evidence, Summary};
-use gl::table::TableWriter;
 use gl::weights::Weights;
+
+use course::Course;
 
 /// Weigh the runs by sequential Monte Carlo
 ///
@@ -52,6 +54,9 @@ struct Args {
     /// Where the course of the filter goes: step sigma ess mean(NAME)… cv(NAME)…
     #[arg(long, value_name = "FILE")]
     history: Option<PathBuf>,
+    /// Where the weights at six steps go, each from the readings up to it: sample step NAME… weight
+    #[arg(long, value_name = "FILE")]
+    step_weights: Option<PathBuf>,
     /// Where the summary goes: quantity value
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
@@ -64,7 +69,8 @@ struct Args {
 }
 
 const EXAMPLE: &str = "Example:
-  gl-filter -s samples.txt --ess 0.3 --summary summary.txt misfit.txt -o weights.txt";
+  gl-filter -s samples.txt --ess 0.3 --summary summary.txt misfit.txt \\
+    -o weights.txt";
 
 #[derive(Clone, Copy)]
 struct Sigma(Target);
@@ -86,7 +92,7 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;
-    let misfits = Misfits::read(&args.misfits, args.history.is_some())?;
+    let misfits = Misfits::read(&args.misfits, args.history.is_some() || args.step_weights.is_some())?;
     ensure!(!misfits.is_empty(), "{}: no runs to weigh", misfits.source);
 
     let places = places(&samples, &misfits)?;
@@ -131,8 +137,19 @@ fn run(args: &Args) -> Result<()> {
     }
     warn(&summary)?;
 
+    let course = Course {
+        misfits: &misfits,
+        runs: &runs,
+        last: &weighting,
+        noise,
+        parameters: &samples.parameters,
+        values: &values,
+    };
     if let Some(path) = &args.history {
-        write_history(path, &misfits, &runs, &weighting, noise, &samples.parameters, &values)?;
+        course.write_history(path)?;
+    }
+    if let Some(path) = &args.step_weights {
+        course.write_weights(path)?;
     }
     if let Some(path) = &args.summary {
         summary.write(Some(path))?;
@@ -220,39 +237,6 @@ fn warn(summary: &Summary) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// The weights as they come about: σ as at the end, with more and more of the steps.
-fn write_history(
-    path: &Path,
-    misfits: &Misfits,
-    runs: &Runs,
-    last: &Weighting,
-    noise: Noise,
-    parameters: &[String],
-    values: &[Vec<f64>],
-) -> Result<()> {
-    let mut columns = vec!["step".to_owned(), "sigma".to_owned(), "ess".to_owned()];
-    columns.extend(parameters.iter().map(|name| format!("mean({name})")));
-    columns.extend(parameters.iter().map(|name| format!("cv({name})")));
-    let mut table = TableWriter::create(Some(path), &columns)?;
-    for (place, &step) in misfits.steps.iter().enumerate() {
-        let runs = Runs::new(misfits.total_up_to(place)?, runs.ln_proposal.clone())?;
-        let weighting = if last.is_noise {
-            noise.share((place + 1) as f64 / misfits.steps.len() as f64).posterior(&runs)?
-        } else {
-            runs.at_sigma(last.sigma)?
-        };
-        let weights = weighting.weights()?;
-        let column = |j: usize| values.iter().map(|row| row[j]).collect::<Vec<f64>>();
-        let means: Vec<f64> = (0..parameters.len()).map(|j| mean(&column(j), &weights)).collect();
-        let cvs: Vec<f64> = (0..parameters.len()).map(|j| sd(&column(j), &weights) / means[j]).collect();
-        table.number(step as f64).number(last.sigma).number(ess_fraction(&weighting.ln_weight)?);
-        table.numbers(&means);
-        table.numbers(&cvs.iter().map(|cv| if cv.is_finite() { *cv } else { 0.0 }).collect::<Vec<_>>());
-        table.end_row()?;
-    }
-    table.finish()
 }
 
 fn main() -> ExitCode {

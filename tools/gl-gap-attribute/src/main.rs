@@ -75,13 +75,17 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (a line with a bend that the base model lacks):
-  printf 'name lower upper effect off\\na 0 2 - -\\nbend 0.1 2 bending 0\\n' > params.txt
+  printf 'name lower upper effect off\\na 0 2 - -\\n' > params.txt
+  printf 'bend 0.1 2 bending 0\\n' >> params.txt
   gl-sample -p params.txt -n 60 --effects switch -o samples.txt
   awk 'BEGIN { print \"sample step x y\" }
-    NR > 1 { for (i = 0; i < 20; i++) print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv
+    NR > 1 { for (i = 0; i < 20; i++)
+      print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv
   awk 'BEGIN { print \"x y\"
-    for (i = 0; i < 20; i++) print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' > obs.txt
-  gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.1 runs.tsv";
+    for (i = 0; i < 20; i++)
+      print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' > obs.txt
+  gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y \\
+    --noise y=0.1 runs.tsv";
 
 /// Hypotheses less probable than this are not worth a prediction.
 const LIKELY: f64 = 0.01;

@@ -51,11 +51,15 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (the measurement is a wave; the run before is flat, the one after has half of it):
-  awk 'BEGIN { print \"e q\"; for (i = 0; i < 40; i++) print i, sin(i / 4) }' > obs.txt
-  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > before.tsv
-  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, sin(i / 4) / 2 }' > after.tsv
+  awk 'BEGIN { print \"e q\"
+    for (i = 0; i < 40; i++) print i, sin(i / 4) }' > obs.txt
+  awk 'BEGIN { print \"sample step e q\"
+    for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > before.tsv
+  awk 'BEGIN { print \"sample step e q\"
+    for (i = 0; i < 40; i++) print \"a\", i, i, sin(i / 4) / 2 }' > after.tsv
   printf 'sample weight\\na 1\\n' > weights.tsv
-  gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
+  gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 \\
+    --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
 
 /// The two tables of a calibration.
 #[derive(Clone, Debug)]
