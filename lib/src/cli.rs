@@ -6,7 +6,7 @@ use std::env;
 use std::io::{self, Write};
 use std::process::{self, ExitCode};
 
-use anyhow::{Error, Result, bail};
+use anyhow::{Error, Result, bail, ensure};
 use clap::{Command, Parser};
 use clap_complete::Shell;
 
@@ -47,6 +47,16 @@ fn generate(command: &mut Command, kind: &str) -> Result<()> {
     let name = command.get_name().to_owned();
     clap_complete::generate(shell, command, name, &mut io::stdout());
     Ok(())
+}
+
+/// An argument that is a number and not negative.
+///
+/// # Errors
+/// If it is not.
+pub fn not_negative(text: &str) -> Result<f64> {
+    let number = crate::table::parse_number(text)?;
+    ensure!(number >= 0.0, "give a number that is not negative");
+    Ok(number)
 }
 
 /// What a tool's `run` returns: done, or an answer yes or no.

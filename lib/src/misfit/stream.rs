@@ -109,7 +109,7 @@ impl Comparison<'_> {
                 parse_number(fields[column])
                     .map_err(|problem| flaw(format!("column {}: {problem}", format.columns()[column])))
             };
-            if fields[columns.step].parse() != Ok(step) {
+            if parse_number(fields[columns.step]).ok() != Some(step as f64) {
                 let found = fields[columns.step];
                 return Err(flaw(format!("column step: {found} where step {step} of {name} should follow")));
             }
@@ -127,7 +127,14 @@ impl Comparison<'_> {
                 values.push(value(column)?);
             }
             for &column in columns.sd.iter().flatten() {
-                sds.push(value(column)?);
+                let sd = value(column)?;
+                if sd < 0.0 {
+                    let name = &format.columns()[column];
+                    return Err(flaw(format!(
+                        "column {name}: {sd}, but a standard deviation is not negative"
+                    )));
+                }
+                sds.push(sd);
             }
             last = line;
         }

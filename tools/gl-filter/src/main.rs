@@ -40,7 +40,7 @@ struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.3, conflicts_with = "sigma")]
     ess: f64,
     /// Effective sample size to reach, as a number of runs; nine in ten runs at the most
-    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"])]
+    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"], value_parser = gl::cli::not_negative)]
     ess_runs: Option<f64>,
     /// Weigh at this sigma; noise is the posterior itself
     #[arg(long, value_name = "S|noise")]
@@ -49,7 +49,7 @@ struct Args {
     #[arg(long, value_name = "S|noise", conflicts_with = "sigma")]
     sigma_min: Option<Sigma>,
     /// Sigma below which gl-check-stop is to stop; put into the summary
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = gl::cli::not_negative)]
     sigma_tol: Option<f64>,
     /// Where the course of the filter goes: step sigma ess mean(NAME)… cv(NAME)…
     #[arg(long, value_name = "FILE")]

@@ -30,10 +30,10 @@ struct Args {
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
     observables: Vec<String>,
     /// Runs without the effect, and their weights
-    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     before: Tables,
     /// Runs with the effect, and their weights
-    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     after: Tables,
     /// Steps that calibration did not see, from A up to but not including B; without it all, which it did
     #[arg(long, value_name = "A:B")]
