@@ -86,4 +86,16 @@ paths_that_make_cannot_take_are_refused_before_anything_runs() {
     ends_with 0 calibrate . local fit
 }
 
+a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
+    needs lammps lmp
+    export ITERATIONS=2
+    calibrate "$ROOT/examples/collision" embedded embedded
+    MODEL='lmp -in {case}/lammps.in -log none -screen none -var E_m {E_m} -var nu {nu} -var name {description}' \
+        calibrate "$ROOT/examples/collision" local lammps
+    # Means, deviations and quantiles.
+    paste embedded/posterior.txt lammps/posterior.txt | awk -F '\t' '
+        /^(mean|sd|q05|q95)[(]/ { rows++; if ($1 != $3 || ($2 / $4 - 1)^2 > 1e-16) { print; exit 1 } }
+        END { if (rows != 8) exit 1 }'
+}
+
 facts "$@"
