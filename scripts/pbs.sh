@@ -9,10 +9,13 @@ is_pbs() { qsub --version 2>&1 | grep -qi pbs_version; }
 # site_options: sets options, what cluster.env asks for in the words of qsub. Only with -S is it our shell
 # that reads a job script.
 site_options() {
+    local time=${site[TIME]}
     options=(-S /bin/bash -j oe)
+    # A number alone is one of minutes to SLURM, and of seconds to PBS.
+    [[ ! $time =~ ^[0-9]+$ ]] || time=$((10#$time * 60))
     [ -z "${site[PARTITION]}" ] || options+=(-q "${site[PARTITION]}")
     [ -z "${site[ACCOUNT]}" ] || options+=(-A "${site[ACCOUNT]}")
-    [ -z "${site[TIME]}" ] || options+=(-l "walltime=${site[TIME]}")
+    [ -z "$time" ] || options+=(-l "walltime=$time")
     if is_pbs; then
         options+=(-l "select=1:ncpus=${site[THREADS]}${site[MEM]:+:mem=${site[MEM]}}")
     else

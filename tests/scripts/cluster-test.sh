@@ -158,7 +158,7 @@ forty_runs_in_pbs_and_a_second_call_takes_what_is_missing() {
     ends_with 0 run-pbs samples.txt "$model" 'the runs'
     says '40 rows: 0 complete before, 37 run, 3 failed: r07 (3) r09 (4) r11 (124 TIMEOUT)'
     same "$(wc -l <started)" 40
-    grep -q -- '-l walltime=5 -l select=1:ncpus=1 -J 0-9%2' pbs/calls
+    grep -q -- '-l walltime=300 -l select=1:ncpus=1 -J 0-9%2' pbs/calls
     rm started
     ends_with 0 run-pbs samples.txt "$model" 'the runs'
     same "$(sort -n started)" $'7\n9\n11'

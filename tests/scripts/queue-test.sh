@@ -62,14 +62,14 @@ a_calibration_in_the_queue_ends_with_the_tables_of_one_here() {
     with_slurm
     with_case
     sed -i 's/^NUM=.*/NUM=4/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
-    # Settings and a number of iterations that are given once hold in all jobs.
+    # Settings that are given once hold in all jobs and in later calls.
     NUM=12 SEED=3 ends_with 0 submit case fit
     says 'goes on when the runs have ended'
     ends_with 0 submit case fit
     says 'is in the queue already'
     with_wait_for is_idle
     is_finished
-    NUM=12 SEED=3 MORE=1 ends_with 0 submit case fit
+    MORE=1 ends_with 0 submit case fit
     with_wait_for is_idle
     ends_with 0 status fit
     same "$(grep -c '^iteration [012]: .* failed; sigma' out)" 3
