@@ -23,7 +23,8 @@ impl Comparison<'_> {
     ///
     /// `readings` is the number of independent readings that a row stands for, so that their sum over
     /// a run says how many there are to estimate the noise from; 0 where the noise is known. There
-    /// `expected` is a row's share of the misfit that this noise alone would make, else 0.
+    /// `expected` is a row's share of the misfit that this noise alone would make, else 0. Where the
+    /// ensemble is an emulator's, `ignorance` follows: a row's share of [`RunMisfit::ignorance`].
     ///
     /// # Errors
     /// If the table cannot be read or written, or a run does not have the steps of the measurement.
@@ -37,8 +38,8 @@ impl Comparison<'_> {
             columns,
             steps: self.steps.clone().map(|step| format!("\t{step}\t").into_bytes()).collect(),
         };
-        output
-            .write_all(b"sample\tstep\tmisfit\terror\treadings\texpected\n")
+        let more = if form.columns.sd.is_some() { "\tignorance" } else { "" };
+        writeln!(output, "sample\tstep\tmisfit\terror\treadings\texpected{more}")
             .context("the misfits cannot be written")?;
         table.for_each(
             |piece, format| self.piece(piece, format, &form),
@@ -63,7 +64,7 @@ impl Comparison<'_> {
                 return Err(Flaw { line, problem });
             }
             let misfit = self.run(values, columns.sd.as_ref().map(|_| sds.as_slice()));
-            self.write_rows(sample, &misfit, &form.steps, &mut output);
+            self.write_rows(sample, &misfit, form, &mut output);
             values.clear();
             sds.clear();
             Ok(())
@@ -119,15 +120,19 @@ impl Comparison<'_> {
         Ok(output)
     }
 
-    fn write_rows(&self, sample: &str, run: &RunMisfit, steps: &[Vec<u8>], output: &mut Vec<u8>) {
+    fn write_rows(&self, sample: &str, run: &RunMisfit, form: &Form, output: &mut Vec<u8>) {
         let (readings, expected) =
             if self.covariance.is_noise { (0.0, run.expected) } else { (run.readings, 0.0) };
         let mut tail = Vec::new();
         push_number(&mut tail, readings / run.misfit.len() as f64);
         tail.push(b'\t');
         push_number(&mut tail, expected / run.misfit.len() as f64);
+        if form.columns.sd.is_some() {
+            tail.push(b'\t');
+            push_number(&mut tail, run.ignorance / run.misfit.len() as f64);
+        }
         tail.push(b'\n');
-        for ((step, misfit), error) in steps.iter().zip(&run.misfit).zip(&run.error) {
+        for ((step, misfit), error) in form.steps.iter().zip(&run.misfit).zip(&run.error) {
             output.extend_from_slice(sample.as_bytes());
             output.extend_from_slice(step);
             push_number(output, *misfit);

@@ -32,6 +32,9 @@ struct Args {
     /// Standard deviation of the measurement noise, as f=0.02; instead of --scale and --weights
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
+    /// Take this sigma for that of the noise, for example sigma_noise of a summary
+    #[arg(long, value_name = "S")]
+    sigma: Option<f64>,
     /// Steps to compare, from A up to but not including B
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
@@ -48,7 +51,10 @@ const EXAMPLE: &str = "Example:
 
 fn run(args: &Args) -> Result<()> {
     let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let covariance = covariance(args, &observations)?;
+    let mut covariance = covariance(args, &observations)?;
+    if let Some(sigma) = args.sigma {
+        covariance = covariance.at_sigma(sigma)?;
+    }
     let comparison = Comparison::new(&observations, covariance, args.steps.unwrap_or(Steps::ALL))?;
     let mut input = open(&args.ensemble)?;
     let mut output = Sink::create(args.output.as_deref())?;
