@@ -3,7 +3,7 @@
 
 # Settings that the environment wins over case.env with. The scripts read these lines, too.
 SETTINGS := NUM SEED MODEL NOISE SCALE WEIGHTS STEPS SIGMA_TOL ERROR_TOL ENSEMBLE_ERROR_TOL MAX_FAILED THREADS
-SETTINGS += ESS SAMPLING COMPONENTS COVARIANCE EFFECTS DESIGN_NUM MEASUREMENT MAX_EFFECTS SCATTER
+SETTINGS += ESS EMULATED SAMPLING COMPONENTS COVARIANCE EFFECTS DESIGN_NUM MEASUREMENT MAX_EFFECTS SCATTER
 $(foreach key,$(SETTINGS),$(if $(and $(filter environment,$(origin $(key))),$($(key))),$(eval override $(key) := $$($(key)))))
 include $(CASE)/case.env
 
