@@ -6,7 +6,6 @@
 # interruption the same call goes on where it was. scripts/calibrate calls this for I = 0, 1, 2, …
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
-include $(CASE)/case.env
 include $(SCRIPTS)columns.mk
 
 I ?= 0
@@ -20,6 +19,8 @@ ESS ?= 0.2
 EMULATED ?= 1000
 MAX_FAILED ?= 0.5
 export CASE PACKED
+# What the settings are; scripts/calibrate notes there which the environment has.
+GIVEN := $(CASE)/case.env $(wildcard $(OUT)/settings.env)
 
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
 COMPARE := -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
@@ -35,7 +36,7 @@ STOP := $(call option,--sigma-tol,$(SIGMA_TOL)) $(call option,--error-tol,$(ERRO
 .SUFFIXES:
 
 # 0 where a criterion says stop, 1 where it says go on.
-$(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(CASE)/case.env
+$(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(GIVEN)
 	@code=0; gl-check-stop $(STOP) -o $(D)/stop.txt $(D)/summary.txt 2>$(D)/.stop.log || code=$$?; \
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
 	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
@@ -61,7 +62,7 @@ $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
 	 --status $(D)/status.txt -o $@ $(D)/runs 2>$(D)/collect.log || { cat $(D)/collect.log >&2; exit 2; }
 
 ifeq ($(PREVIOUS),)
-$(D)/samples.txt: $(PARAMS) $(CASE)/case.env
+$(D)/samples.txt: $(PARAMS) $(GIVEN)
 	@mkdir -p $(D)
 	@gl-sample -p $(PARAMS) -n $(NUM) $(SAMPLE) --seed $(SEED) --name $(NAME) --iteration 0 -o $@
 else

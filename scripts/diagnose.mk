@@ -5,7 +5,6 @@
 # appears whole or not at all, so that after an interruption the same call goes on where it was.
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
-include $(CASE)/case.env
 include $(SCRIPTS)columns.mk
 
 BASE := $(OUT)/base
