@@ -5,10 +5,10 @@ use std::path::Path;
 
 use anyhow::Result;
 use gl::emulator::Emulator;
-use gl::gap::closure::Shrink;
-use gl::gap::diagnosis;
-use gl::gap::diagnosis::{emulate, shrink};
-use gl::gap::hypothesis::Candidate;
+use gl::gap::attribute::closure::Shrink;
+use gl::gap::attribute::diagnosis;
+use gl::gap::attribute::diagnosis::{emulate, shrink};
+use gl::gap::attribute::hypothesis::Candidate;
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
 use gl::table::{Table, TableWriter};

@@ -2,9 +2,9 @@
 
 use anyhow::Result;
 
-use crate::gap::confounding::difference;
-use crate::gap::diagnosis::{Diagnosis, shrink};
-use crate::gap::problem::Problem;
+use crate::gap::attribute::confounding::difference;
+use crate::gap::attribute::diagnosis::{Diagnosis, shrink};
+use crate::gap::attribute::problem::Problem;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.9;

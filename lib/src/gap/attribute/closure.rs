@@ -5,9 +5,9 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::gap::mode::{Mode, standard_normal};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::mode::{Mode, standard_normal};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 use crate::statistics::Quantiles;
 
 /// Root mean square of (measured − curve) / range over all readings.

@@ -5,12 +5,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::gap::adequacy::{INADEQUATE, predictive_probability};
-use crate::gap::evidence::{COARSE, Evidence, FINE, evidence};
-use crate::gap::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
-use crate::gap::mode::{Mode, find};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::adequacy::{INADEQUATE, predictive_probability};
+use crate::gap::attribute::evidence::{COARSE, Evidence, FINE, evidence};
+use crate::gap::attribute::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::attribute::mode::{Mode, find};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 use crate::statistics::ln_sum_exp;
 
 /// One hypothesis after the measurement.
