@@ -11,7 +11,8 @@
 //! 3. Its evidence. [`mode`] climbs to the most probable parameters, [`evidence`] integrates from there.
 //! 4. All of them. [`attribution`] weighs them against each other and against something that is no
 //!    candidate; [`adequacy`] says whether the winner fits at all, [`confounding`] which of them the
-//!    measurement cannot tell apart, [`closure`] how far the gap should close.
+//!    measurement cannot tell apart, [`closure`] how far the gap should close, [`marginals`] what is known
+//!    of the parameters then.
 //! 5. For a user. [`diagnosis`] goes from tables to a table, [`verdict`] to a few sentences;
 //!    [`self_check`] does so for runs of the design, whose cause is known.
 
@@ -24,6 +25,7 @@ pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
 pub mod hypothesis;
+pub mod marginals;
 pub mod measurement;
 pub mod mode;
 pub mod model;

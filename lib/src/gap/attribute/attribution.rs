@@ -22,6 +22,8 @@ pub struct Explanation {
     pub name: String,
     /// Probability given the measurement; what does not fit has none.
     pub probability: f64,
+    /// Whether it is out of the question, so that its evidence is coarse.
+    pub is_hopeless: bool,
     /// Its evidence and posterior.
     pub evidence: Evidence,
     /// Evidence with a further smooth discrepancy, where it was worth a look.
@@ -156,6 +158,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 hypothesis: set.clone(),
                 name: name(set, &problem.candidates),
                 probability: (weight(place, &found) - whole).exp(),
+                is_hopeless: highest - rough[place] >= HOPELESS,
                 evidence: found[place].clone(),
                 with_discrepancy: look.map(|&(_, _, ln)| ln),
                 fits: look.map(|&(_, fits, _)| fits),
