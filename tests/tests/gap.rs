@@ -160,6 +160,10 @@ fn half_of_the_effect_closes_three_quarters_of_the_squared_gap() {
     assert!(full[3] > 0.97 && full[4] > 0.9 && full[5] == 1.0, "{full:?}");
     let (unseen, _) = shrink("half.tsv", " --steps 25:40");
     assert!((unseen[3] - 0.75).abs() < 0.1 && unseen[0] > half[0], "{unseen:?}");
+    let (others, _) = shrink("half.tsv", " --calibrated 0:25");
+    assert_eq!(others, unseen);
+    let (both_ends, _) = shrink("half.tsv", " --calibrated 10:30");
+    assert!((both_ends[3] - 0.75).abs() < 0.1, "{both_ends:?}");
     let (none, said) = shrink("half.tsv", " --steps 0:20");
     assert!(none[4] <= 0.0 && none[5] == 1.0, "{none:?}");
     assert!(said.contains("no gap to close") || said.contains("may not have closed"), "{said}");
@@ -245,6 +249,11 @@ fn bad_input_is_refused_with_its_place() {
     assert_refused(&shrink("constant.txt", "half.tsv,weights.tsv"), &["constant.txt: q is constant"]);
     assert_refused(&shrink("obs.txt", "half.tsv"), &["half.tsv", "ENSEMBLE,WEIGHTS"]);
     assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --steps 40:50"), &["--steps", "0 to 39"]);
+    assert_refused(
+        &shrink("obs.txt", "half.tsv,weights.tsv --calibrated :"),
+        &["--calibrated", "saw them all"],
+    );
+    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --scatter -1"), &["--scatter -1"]);
     let known = locate("one.txt", "alone.tsv --noise q=0.1", "one.tsv");
     assert_eq!(table(&known).len(), 1);
     let constant = locate("constant.txt", "weights.tsv --noise q=0.1", "base.tsv");

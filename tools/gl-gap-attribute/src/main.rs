@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl::ensemble::Ensemble;
-use gl::gap::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
-use gl::gap::measurement::Kind;
-use gl::gap::problem::Problem;
-use gl::gap::self_check::{Design, self_check, summary};
-use gl::gap::verdict::verdict;
+use gl::gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl::gap::attribute::marginals::{Marginal, marginals};
+use gl::gap::attribute::measurement::Kind;
+use gl::gap::attribute::problem::Problem;
+use gl::gap::attribute::self_check::{Design, self_check, summary};
+use gl::gap::attribute::verdict::verdict;
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
 use gl::samples::Samples;
@@ -59,6 +60,10 @@ struct Args {
     /// hypothesis, shrink, shrink_low, shrink_high
     #[arg(long, value_name = "FILE")]
     predict_shrink: Option<PathBuf>,
+    /// Also write what each hypothesis that is not out of the question says of the parameters:
+    /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
+    #[arg(long, value_name = "FILE")]
+    posterior_out: Option<PathBuf>,
     /// Call N runs of the design the measurement in turn, and say how often what is in them is found
     #[arg(long, value_name = "N")]
     self_check: Option<usize>,
@@ -120,6 +125,9 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.predict_shrink {
         write_shrink(path, &problem, &diagnosis, args.seed)?;
     }
+    if let Some(path) = &args.posterior_out {
+        write_posteriors(path, &problem, &diagnosis)?;
+    }
     for line in verdict(&problem, &diagnosis, args.seed)? {
         note(line);
     }
@@ -171,6 +179,17 @@ fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed:
     for of in explanations.iter().filter(|of| of.probability >= LIKELY && !of.hypothesis.is_empty()) {
         let shrink = diagnosis::shrink(problem, explanations, of, seed)?;
         table.text(&of.name).numbers(&[shrink.median, shrink.low, shrink.high]).end_row()?;
+    }
+    table.finish()
+}
+
+fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let columns = ["hypothesis", "parameter", "mean", "sd", "q05", "q95", "lean"];
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    for of in diagnosis.attribution.explanations.iter().filter(|of| !of.is_hopeless) {
+        for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
+            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, f64::from(lean)]).end_row()?;
+        }
     }
     table.finish()
 }

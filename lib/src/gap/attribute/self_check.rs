@@ -6,10 +6,10 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::ensemble::Ensemble;
-use crate::gap::attribution::attribute;
-use crate::gap::diagnosis::{emulate, problem};
-use crate::gap::hypothesis::{Candidate, name};
-use crate::gap::mode::standard_normal;
+use crate::gap::attribute::attribution::attribute;
+use crate::gap::attribute::diagnosis::{emulate, problem};
+use crate::gap::attribute::hypothesis::{Candidate, name};
+use crate::gap::attribute::mode::standard_normal;
 use crate::observations::Observations;
 use crate::prior::Prior;
 use crate::progress::stage;

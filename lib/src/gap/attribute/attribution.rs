@@ -5,12 +5,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::gap::adequacy::{INADEQUATE, predictive_probability};
-use crate::gap::evidence::{COARSE, Evidence, FINE, evidence};
-use crate::gap::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
-use crate::gap::mode::{Mode, find};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::adequacy::{INADEQUATE, predictive_probability};
+use crate::gap::attribute::evidence::{COARSE, Evidence, FINE, evidence};
+use crate::gap::attribute::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::attribute::mode::{Mode, find};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 use crate::progress::stage;
 use crate::statistics::ln_sum_exp;
 
@@ -23,6 +23,8 @@ pub struct Explanation {
     pub name: String,
     /// Probability given the measurement; what does not fit has none.
     pub probability: f64,
+    /// Whether it is out of the question, so that its evidence is coarse.
+    pub is_hopeless: bool,
     /// Its evidence and posterior.
     pub evidence: Evidence,
     /// Evidence with a further smooth discrepancy, where it was worth a look.
@@ -166,6 +168,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 hypothesis: set.clone(),
                 name: name(set, &problem.candidates),
                 probability: (weight(place, &found) - whole).exp(),
+                is_hopeless: highest - rough[place] >= HOPELESS,
                 evidence: found[place].clone(),
                 with_discrepancy: look.map(|&(_, _, ln)| ln),
                 fits: look.map(|&(_, fits, _)| fits),
