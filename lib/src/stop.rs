@@ -100,6 +100,14 @@ pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> 
             100.0 * rest
         ));
     }
+    if let Some(noise) =
+        criteria.iter().find(|c| c.name == "sigma_noise" && c.value > c.tolerance * (1.0 + 1e-9))
+    {
+        doubts.push(format!(
+            "sigma is still {:.3} times that of the noise: the posterior may change with more iterations",
+            noise.value / noise.tolerance
+        ));
+    }
     if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
         doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
     }

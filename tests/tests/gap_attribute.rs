@@ -254,7 +254,7 @@ fn a_noise_of_zero_in_the_measurement_is_refused() {
     case.edit("obs.txt", |text| {
         text.lines().map(|line| format!("{line} {}\n", if line == "x y" { "y_sd" } else { "0" })).collect()
     });
-    case.refused(&[], &["y_sd"]);
+    case.refused(&[], &["obs.txt: the noise of y is not positive"]);
 }
 
 /// The curve itself, as a deterministic simulator would have made it.

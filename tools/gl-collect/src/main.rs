@@ -144,8 +144,9 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
     let Some((name, failure)) = failures.next() else { return Ok(()) };
     let failed = 1 + failures.count();
     note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
+    ensure!(failed < total, "all {total} runs failed; --status FILE lists the reason of each");
     ensure!(
-        failed < total && failed as f64 <= args.max_failed * total as f64,
+        failed as f64 <= args.max_failed * total as f64,
         "{failed} of {total} runs failed, more than --max-failed {} allows; \
          --status FILE lists the reason of each",
         args.max_failed
