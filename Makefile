@@ -8,6 +8,9 @@ PREFIX ?= /usr/local
 export PATH := $(CURDIR)/target/release:$(CURDIR)/scripts:$(PATH)
 export MAKE
 
+# make parts its words at blanks.
+$(foreach name,CASE OUT,$(if $(word 2,$($(name))),$(error $(name)=$($(name)): a path with blanks cannot go through make; use another name)))
+
 SHARE = $(DESTDIR)$(PREFIX)/share
 TOOLS := $(notdir $(wildcard tools/gl-*))
 BIN := target/release
@@ -32,7 +35,8 @@ build:
 	@cargo build --release --workspace $(BUILD_OPTIONS)
 
 ## make calibrate CASE=… ENGINE=…   calibrate a case with ENGINE embedded, local, yade-batch, slurm or pbs;
-##                                  ITERATIONS=N at most, or MORE=N beyond those that are there; into OUT
+##                                  ITERATIONS=N at most, or MORE=N beyond those that are there; into OUT.
+##                                  Settings of case.env, such as NUM=N or SEED=N, win over it
 calibrate: build
 	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
 
@@ -41,7 +45,7 @@ calibrate: build
 iteration: build
 	@ITERATION=$(or $(ITERATION),0) scripts/one-iteration $(CASE) $(SAMPLES) $(RUNS) $(OUT) || [ $$? -eq 1 ]
 
-## make submit CASE=…              the same in the queue of SLURM, with nothing that must stay connected;
+## make submit CASE=…              the same in the queue of SLURM (ENGINE=pbs: of PBS), with nothing that must stay connected;
 ##                                  make status and make cancel OUT=… say how it gets on and end it
 submit: build
 	@scripts/submit $(CASE) $(OUT)

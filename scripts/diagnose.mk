@@ -5,16 +5,10 @@
 # appears whole or not at all, so that after an interruption the same call goes on where it was.
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
-include $(CASE)/case.env
 include $(SCRIPTS)columns.mk
 
 BASE := $(OUT)/base
-DESIGN := $(OUT)/design
 AFTER := $(OUT)/after
-# Runs of the switch design: 25 for each parameter.
-DESIGN_NUM ?= $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { print 25 * (rows - 1) }' $(PARAMS))
-SEED ?= 0
-MAX_FAILED ?= 0.5
 COMMON := -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(call option,--noise,$(NOISE))
 export CASE
 
@@ -34,20 +28,8 @@ $(OUT)/locate.txt: $(BASE)/posterior.txt
 	 || { cat $(OUT)/locate.log >&2; exit 2; }
 	@cat $(OUT)/locate.log >&2
 
-$(DESIGN)/samples.txt: $(PARAMS)
-	@mkdir -p $(DESIGN)
-	@gl-sample -p $(PARAMS) -n $(DESIGN_NUM) --effects switch --seed $(SEED) --name $(NAME)-design -o $@
-
-$(DESIGN)/ensemble.txt: $(DESIGN)/samples.txt $(OBS)
-	@"$(SCRIPTS)run-$(ENGINE)" $< '$(ENGINE_MODEL)' $(DESIGN)/runs
-	@gl-collect -s $< -b $(OBS) -c '$(CONTROL)' -v '$(OBSERVABLES)' --max-failed $(MAX_FAILED) \
-	 --status $(DESIGN)/status.txt -o $@ $(DESIGN)/runs
-
-$(OUT)/attribution.txt: $(DESIGN)/ensemble.txt
-	@gl-gap-attribute -p $(PARAMS) -s $(DESIGN)/samples.txt $(COMMON) $(call option,--measurement,$(MEASUREMENT)) \
-	 $(call option,--max-effects,$(MAX_EFFECTS)) $(call option,--scatter,$(SCATTER)) --effects-out $(OUT)/effects.txt \
-	 --seed $(SEED) -o $@ $< 2>$(OUT)/attribution.log || { cat $(OUT)/attribution.log >&2; exit 2; }
-	@cat $(OUT)/attribution.log >&2
+$(OUT)/attribution.txt: $(BASE)/posterior.txt
+	@"$(SCRIPTS)attribute" $(CASE) $(ENGINE) $(OUT)
 
 # Those of the winner's effects that are the simulator's; what the measurement does needs no runs.
 $(OUT)/winner.txt: $(OUT)/attribution.txt
@@ -59,11 +41,16 @@ $(OUT)/shrink.txt: $(OUT)/winner.txt $(BASE)/posterior.txt
 	 if [ -z "$$effects" ]; then \
 	     echo "diagnose: no effect of the simulator explains the gap, so none is put in" >&2; \
 	     printf 'observable\tgap_before\tgap_after\tfloor\tshrink\tshrink_low\tshrink_high\n' >$(OUT)/.shrink.txt.part; \
+	     rm -f $(OUT)/shrink-unseen.txt; \
 	     mv $(OUT)/.shrink.txt.part $@; \
-	 else \
-	     EFFECTS=$$effects "$(SCRIPTS)calibrate" $(CASE) $(ENGINE) $(AFTER)-$$effects && \
-	     gl-gap-shrink $(COMMON) --before $(BASE)/ensemble.txt,$(BASE)/posterior-weights.txt \
-	      --after $(AFTER)-$$effects/ensemble.txt,$(AFTER)-$$effects/posterior-weights.txt -o $@ 2>$(OUT)/shrink.log \
-	      || { cat $(OUT)/shrink.log >&2; exit 2; }; \
+	     exit; \
+	 fi; \
+	 after=$(AFTER)-$$effects; \
+	 EFFECTS=$$effects "$(SCRIPTS)calibrate" $(CASE) $(ENGINE) $$after || exit; \
+	 shrink() { \
+	     gl-gap-shrink $(COMMON) $(call option,--scatter,$(SCATTER)) --before $(BASE)/ensemble.txt,$(BASE)/posterior-weights.txt \
+	      --after $$after/ensemble.txt,$$after/posterior-weights.txt "$$@" 2>$(OUT)/shrink.log || { cat $(OUT)/shrink.log >&2; exit 2; }; \
 	     cat $(OUT)/shrink.log >&2; \
-	 fi
+	 }; \
+	 $(if $(STEPS),shrink --calibrated $(STEPS) -o $(OUT)/shrink-unseen.txt; mv $(OUT)/shrink.log $(OUT)/shrink-unseen.log;) \
+	 shrink -o $@

@@ -3,8 +3,8 @@ BEGIN { FS = "\t" }
 FNR == 1 { table++; next }
 table == 1 { tempered[$1] = $2; next }
 { posterior[$1] = $2 }
-# A parameter of an effect that is off does not vary.
-/^sd\(/ && $2 > 0 { parameters[++count] = substr($1, 4, length($1) - 4) }
+# A parameter of an effect that is off does not vary, and has no shrinkage.
+/^shrinkage\(/ { parameters[++count] = substr($1, 11, length($1) - 11) }
 END {
     printf "iteration %d: %d runs, %d failed; sigma %.3g (noise %.3g), ess %.2g of the runs; error %.3g, best %.3g;", \
         iteration, tempered["runs"], tempered["failed"], tempered["sigma"], tempered["sigma_noise"], tempered["ess"], \

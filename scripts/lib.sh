@@ -15,6 +15,31 @@ die() { say "$*"; exit 2; }
 # The comment at the top of the script that was called.
 usage() { sed -n '2,/^$/s/^# \{0,1\}//p' "$0"; }
 
+# check_paths FOLDER...: those that go through make, where some characters mean something whatever is done.
+check_paths() {
+    local path
+    for path in "$@" "$HERE"; do
+        [ "$(tr -d ' \t\n$#:%;\47"\\*?[]|&<>\140=()~' <<<"$path")" = "$path" ] ||
+            die "$path: make cannot take a path with blanks or special characters; use another name, or go there and give a relative one"
+    done
+}
+
+# settings: those settings of a case that the environment has, which win over case.env; KEY=VALUE lines.
+settings() {
+    local key
+    for key in $(sed -n 's/^SETTINGS [:+]= //p' "$HERE/columns.mk"); do
+        [ -z "${!key-}" ] || printf '%s=%s\n' "$key" "${!key//$'\n'/ }"
+    done
+}
+
+# until_more OUT MORE: how many iterations it has with so many beyond those that are there.
+until_more() {
+    local there=0
+    [[ $2 =~ ^[1-9][0-9]*$ ]] || die "MORE=$2: give a number of iterations from 1"
+    while [ -e "$1/iter$there/stop.code" ]; do there=$((there + 1)); done
+    printf '%s\n' $((there + $2))
+}
+
 # arguments "$@": the call that all engines share, SAMPLES MODEL DIR.
 # Sets and exports what run-row reads: GL_TABLE, GL_MODEL, GL_DIR and CASE, with absolute paths; and
 # TABLE, the text of the table, for open_dir.

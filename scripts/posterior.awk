@@ -1,8 +1,8 @@
 # The posterior as a table for reading, and which run fitted best.
 BEGIN { FS = "\t"; row = "%-12s %12s %12s %12s %12s %12s\n" }
 { value[$1] = $2 }
-# A parameter of an effect that is off does not vary.
-/^sd\(/ && $2 > 0 { parameters[++count] = substr($1, 4, length($1) - 4) }
+# A parameter of an effect that is off does not vary, and has no shrinkage.
+/^shrinkage\(/ { parameters[++count] = substr($1, 11, length($1) - 11) }
 END {
     printf row, "parameter", "mean", "sd", "5 %", "95 %", "best run"
     for (j = 1; j <= count; j++) {

@@ -57,7 +57,7 @@ posterior_table() {
                 left = sqrt(of("shrinkage") < 1 ? 1 - of("shrinkage") : 0)
                 told = left > 0.7 ? "hardly tell it" : left > 0.3 ? "tell it in part" : "tell it"
                 if (of("lean")) told = told "; it leans on its " (of("lean") > 0 ? "upper" : "lower") " bound: the truth may lie outside"
-                printf "%s\t%s\t%s\t%s\t%s\t%s\t%.2g %%\t%s\n", name, of("mean"), of("sd"), of("q05"), of("q95"), of("best"), 100 * left, told
+                printf "%s\t%s\t%s\t%s\t%s\t%s\t%.3g %%\t%s\n", name, of("mean"), of("sd"), of("q05"), of("q95"), of("best"), 100 * left, told
             }
         }
     ' "$1"

@@ -1,5 +1,7 @@
 # shellcheck shell=bash
 # What run-slurm, submit, status and cancel share: to ask SLURM and to submit to it. Sourced after lib.sh.
+# pbs.sh has the same functions for PBS: control_in_queue, arrays_in_queue, submit_control_job,
+# cancel_jobs.
 
 # site_options: sets options, what cluster.env asks for in the words of sbatch.
 site_options() {
@@ -10,27 +12,40 @@ site_options() {
     done
 }
 
-# queued NAME[,NAME...]: ids, states and reasons of the jobs of these names, an array once; not of the
-# job that asks. Fails while the scheduler does not answer.
+# Seconds between attempts: a controller may be busy, or away for a moment. A job has time; who looks on
+# has not.
+PAUSES='1 2 4'
+[ -z "${SLURM_JOB_ID-}" ] || PAUSES='1 2 4 8 15 30 60 60 60 60 60'
+
+# queued NAME[,NAME...]: ids, states and reasons of the jobs of these names, an array once. Fails if the
+# scheduler does not answer.
 queued() {
-    local answer
-    answer=$(squeue --noheader --name="$1" --format='%F %T %r') || return 1
-    awk -v own="${SLURM_JOB_ID-}" '$1 != own && $2 != "COMPLETING" && !seen[$1]++' <<<"$answer"
+    local answer pause
+    for pause in $PAUSES ''; do
+        answer=$(squeue --noheader --name="$1" --format='%F %T %r') && break
+        [ -n "$pause" ] || return 1
+        sleep "$pause"
+    done
+    awk '$2 != "COMPLETING" && !seen[$1]++' <<<"$answer"
 }
 
 # submit_job NAME ARGUMENT...: prints the id of the job that sbatch makes of the arguments.
 submit_job() {
-    local name=$1 id attempt
+    local name=$1 answer pause
     shift
-    for attempt in 1 2 3 4 5; do
-        id=$(sbatch --parsable --job-name="$name" "$@") && break
-        [ "$attempt" -lt 5 ] || return 1
-        sleep $((attempt * 2))
+    for pause in $PAUSES ''; do
+        if answer=$(sbatch --parsable --job-name="$name" "$@" 2>&1); then break; fi
+        printf '%s\n' "$answer" >&2
+        # What is wrong with a job stays wrong.
+        [ -n "$pause" ] && grep -qiE 'contact|connect|timed out|temporarily|zero bytes' <<<"$answer" || return 1
+        sleep "$pause"
         # It may have been taken although the answer was lost.
-        id=$(queued "$name" 2>/dev/null | awk 'NR == 1 { print $1 }')
-        [ -z "$id" ] || break
+        answer=$(queued "$name" | awk 'NR == 1 { print $1 }')
+        [ -z "$answer" ] || break
     done
-    printf '%s\n' "${id%%;*}"
+    # Beside the id there may be warnings.
+    grep -v '^[0-9][0-9;a-z_-]*$' <<<"$answer" >&2 || true
+    grep -o '^[0-9]*' <<<"$answer" | grep -m 1 .
 }
 
 # control_name OUT: what the controlling jobs of a calibration are called. The queue is asked for the
@@ -41,5 +56,29 @@ control_name() {
     printf 'gl-control-%s\n' "${sum%% *}"
 }
 
-# array_names OUT: the arrays that a calibration has noted, with commas; none where no run is submitted.
-array_names() { (cat "$1"/iter*/runs/.run/jobs 2>/dev/null || true) | awk '{ printf "%s%s", sep, $1; sep = "," }'; }
+# control_in_queue OUT: id, state and reason of the controlling job of a calibration; nothing if there
+# is none but the one that asks.
+control_in_queue() { queued "$(control_name "$1")" | awk -v own="${SLURM_JOB_ID-}" '$1 != own'; }
+
+# arrays_in_queue OUT: the same of the arrays that a calibration has noted.
+arrays_in_queue() {
+    local names
+    names=$(jobs_noted "$1" | awk '{ printf "%s%s", sep, $1; sep = "," }')
+    [ -z "$names" ] || queued "$names"
+}
+
+# submit_control_job OUT AFTER...: its controlling job, when the jobs AFTER have ended; prints the id.
+submit_control_job() {
+    local out=$1 after=() options
+    shift
+    [ $# -eq 0 ] || after=("--dependency=afterany$(printf ':%s' "$@")")
+    site_options
+    submit_job "$(control_name "$out")" "${after[@]}" "${options[@]}" --output="$(cd "$out" && pwd)/control.log" \
+        --open-mode=truncate "$out/control.sh"
+}
+
+# cancel_jobs OUT ID...: also a controlling job that has another id by now, and first, since it submits.
+cancel_jobs() {
+    scancel --name="$(control_name "$1")" || true
+    scancel "${@:2}" || true
+}

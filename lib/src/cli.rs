@@ -1,17 +1,22 @@
 //! What every tool does alike: its arguments, exit codes and the last message.
 
+mod line;
+
 use std::env;
 use std::io::{self, Write};
 use std::process::{self, ExitCode};
 
-use anyhow::{Error, Result, bail};
+use anyhow::{Error, Result, bail, ensure};
 use clap::{Command, Parser};
 use clap_complete::Shell;
+
+use crate::progress;
 
 /// A tool's arguments.
 ///
 /// Ends the program, as [`Parser::parse`] does, for arguments that are wrong and for `--help`; and for
-/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions.
+/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions. From here on
+/// long computations show their progress, where stderr is a terminal.
 #[allow(clippy::exit)]
 pub fn parse<A: Parser>() -> A {
     let arguments: Vec<_> = env::args_os().skip(1).collect();
@@ -23,7 +28,11 @@ pub fn parse<A: Parser>() -> A {
         let outcome = finish(&name, generate(&mut command, &kind.to_string_lossy()));
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
-    A::parse()
+    let arguments = A::parse();
+    if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
+        progress::watch(Box::new(line));
+    }
+    arguments
 }
 
 /// Write a manual page or completions to standard output.
@@ -38,6 +47,16 @@ fn generate(command: &mut Command, kind: &str) -> Result<()> {
     let name = command.get_name().to_owned();
     clap_complete::generate(shell, command, name, &mut io::stdout());
     Ok(())
+}
+
+/// An argument that is a number and not negative.
+///
+/// # Errors
+/// If it is not.
+pub fn not_negative(text: &str) -> Result<f64> {
+    let number = crate::table::parse_number(text)?;
+    ensure!(number >= 0.0, "give a number that is not negative");
+    Ok(number)
 }
 
 /// What a tool's `run` returns: done, or an answer yes or no.

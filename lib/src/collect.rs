@@ -16,6 +16,7 @@ use packed::{OpenPacks, Packs};
 
 use crate::ensemble::Ensemble;
 use crate::observations::Observations;
+use crate::progress::stage;
 use crate::samples::Samples;
 
 /// How runs are read: where from, which columns, and what is let pass.
@@ -57,6 +58,7 @@ impl Collection<'_> {
         let packs =
             self.folders.iter().map(|folder| Packs::find(folder, samples)).collect::<Result<Vec<_>>>()?;
         let mut status = Vec::with_capacity(samples.len());
+        let stage = stage("reading runs", samples.len());
         for first in (0..samples.len()).step_by(RUNS_AT_A_TIME) {
             let some = first..samples.len().min(first + RUNS_AT_A_TIME);
             let folders = (self.folders.iter().zip(&packs))
@@ -66,6 +68,7 @@ impl Collection<'_> {
                 .clone()
                 .into_par_iter()
                 .map(|i| self.run(&folders, samples, i))
+                .inspect(|_| stage.advance())
                 .collect::<Result<_>>()?;
             let mut ensemble = Ensemble::new(self.observations, false);
             for (name, run) in samples.names[some].iter().zip(runs) {

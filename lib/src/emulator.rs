@@ -28,6 +28,7 @@ use rayon::prelude::*;
 
 use crate::ensemble::Ensemble;
 use crate::prior::{Prior, normal_quantile};
+use crate::progress::stage;
 use crate::samples::Samples;
 use components::{Components, Enough};
 use gp::{Gp, Mean, Points};
@@ -164,6 +165,7 @@ impl Emulator {
         let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
         let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts };
         let points = Points::new(&rows, search.mean)?;
+        let stage = stage("training the emulator", components.basis.ncols());
         let processes = (0..components.basis.ncols())
             .into_par_iter()
             .map(|c| {
@@ -171,6 +173,7 @@ impl Emulator {
                 generator.set_stream(c as u64);
                 train(&rows, &points, components.scores.column(c).as_slice(), search, &mut generator)
             })
+            .inspect(|_| stage.advance())
             .collect::<Result<Vec<_>>>()?;
         let correlation = error_correlation(&processes, &components.scores);
         let mut emulator = Self {

@@ -344,7 +344,18 @@ impl Columns {
         let sd = observables
             .iter()
             .map(|name| format.find(&format!("{name}_sd")))
-            .collect::<Result<Option<Vec<_>>>>()?;
+            .collect::<Result<Vec<Option<usize>>>>()?;
+        let first_with = sd.iter().position(Option::is_some);
+        if let (Some(with), Some(without)) = (first_with, sd.iter().position(Option::is_none)) {
+            bail!(
+                "{}:1: {with} has a column {with}_sd, but {without} has none; give every observable one, \
+                 with zeros where nothing is uncertain",
+                format.source(),
+                with = observables[with],
+                without = observables[without]
+            );
+        }
+        let sd = sd.into_iter().collect();
         Ok(Self {
             sample: format.column("sample")?,
             step: format.column("step")?,

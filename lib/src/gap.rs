@@ -1,32 +1,21 @@
 //! The gap that is left after calibration: where it lies, which effect explains it, and how far it
 //! closes.
+//!
+//! * [`locate`] — where: stretches of the control over which the calibrated model misses the measurement.
+//! * [`attribute`] — which: the probability of every set of candidate effects.
+//! * [`shrink`] — how far: the gap before and after an effect is in the simulation.
+//!
+//! The first and the last work on calibrated runs, and share what a gap is (`residual`), how large
+//! and how correlated the noise is ([`noise`]), and what a fit takes out of it (`hat`, `scatter`).
 
-pub mod adequacy;
-pub mod attribution;
-pub mod closure;
-pub mod confounding;
-pub mod diagnosis;
-pub mod discrepancy;
-pub mod evidence;
-pub mod gaussian;
+pub mod attribute;
 mod hat;
-pub mod hypothesis;
 pub mod locate;
-pub mod measurement;
-pub mod mode;
-pub mod model;
 pub mod noise;
-pub mod path;
 mod precision;
-pub mod predictor;
-pub mod problem;
 pub mod residual;
 mod scatter;
-pub mod self_check;
 pub mod shrink;
 pub mod standardised;
 #[cfg(test)]
 mod synthetic;
-#[cfg(test)]
-mod synthetic_world;
-pub mod verdict;

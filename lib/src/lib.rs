@@ -12,6 +12,7 @@
 //! | runs that were never made | [`emulator`] |
 //! | what the best calibration still misses, and why | [`gap`] |
 //! | simulators of known physics | [`world`] |
+//! | how far a long computation has come | [`progress`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
 
@@ -30,6 +31,7 @@ pub mod normal;
 pub mod observations;
 pub mod predict;
 pub mod prior;
+pub mod progress;
 pub mod proposal;
 pub mod resample;
 pub mod samples;

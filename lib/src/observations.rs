@@ -95,10 +95,11 @@ impl Observations {
                 (None, Some(sd)) => all.push(sd.clone()),
                 (None, None) => continue,
             }
-            let zero = all.iter().flatten().any(|&sd| sd <= 0.0);
+            let is_size = |sd: &f64| *sd > 0.0 && (sd * sd).is_normal();
             ensure!(
-                !zero,
-                "{}: the noise of {name} is not positive; give its standard deviation",
+                all.iter().flatten().all(is_size),
+                "{}: the noise of {name} is not positive, or its square beyond what a number can say; give \
+                 its standard deviation",
                 self.source
             );
         }

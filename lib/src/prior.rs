@@ -138,6 +138,13 @@ impl Prior {
                     format_args!("{upper} is not above the lower bound {lower} of {name}"),
                 );
             }
+            if !(upper - lower).is_finite() {
+                return table.fail(
+                    row,
+                    "upper",
+                    format_args!("{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"),
+                );
+            }
             if scale == Scale::Log && lower <= 0.0 {
                 return table.fail(
                     row,

@@ -77,7 +77,7 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
         })
         .collect();
 
-    let mut shares = weights.weight.clone();
+    let mut shares = inside(weights, &all, &varied, &parameters)?;
     // Places spread evenly stand in for the neighbours that a handful of samples does not have.
     let evenly = Halton::new(parameters.len(), Some(how.seed));
     for i in points.len()..least_samples(parameters.len()) {
@@ -111,6 +111,37 @@ fn columns(weights: &Weights, prior: &Prior) -> Result<Vec<Vec<f64>>> {
         places.extend(place);
     }
     Ok(weights.values.iter().map(|row| places.iter().map(|&j| row[j]).collect()).collect())
+}
+
+/// The weights of the samples inside the bounds, summing to one: outside, where the prior has nothing,
+/// there is nothing to draw either.
+fn inside(
+    weights: &Weights,
+    all: &[Vec<f64>],
+    varied: &[usize],
+    parameters: &[Parameter],
+) -> Result<Vec<f64>> {
+    let is_inside = |row: &Vec<f64>| {
+        varied
+            .iter()
+            .zip(parameters)
+            .all(|(&j, p)| p.off == Some(row[j]) || (-1e-9..=1.0 + 1e-9).contains(&p.coordinate(row[j])))
+    };
+    let mut shares = weights.weight.clone();
+    if all.iter().all(is_inside) {
+        return Ok(shares);
+    }
+    for (share, _) in shares.iter_mut().zip(all).filter(|(_, row)| !is_inside(row)) {
+        *share = 0.0;
+    }
+    let sum: f64 = shares.iter().sum();
+    ensure!(
+        sum > 0.0,
+        "{}: no sample with weight lies within the bounds of the parameters; were they narrowed?",
+        weights.source
+    );
+    shares.iter_mut().for_each(|share| *share /= sum);
+    Ok(shares)
 }
 
 /// How many samples are to have weight, so that they show the shape of a place in so many dimensions.

@@ -117,6 +117,17 @@ pub struct Marginals {
 /// one has 1.73, a straight ramp 1.41, a half-normal 1.32, an exponential 1.
 const LEAN: f64 = 1.3;
 
+/// The bound that a posterior of this mean and standard deviation leans on, beyond which the truth may
+/// lie: −1 the lower, 1 the upper, 0 none.
+pub fn leaning(mean: f64, sd: f64, (lower, upper): (f64, f64)) -> i8 {
+    let room = (LEAN * sd).max(0.02 * (upper - lower));
+    match (mean - lower < room, upper - mean < room) {
+        (true, false) => -1,
+        (false, true) => 1,
+        _ => 0,
+    }
+}
+
 impl Marginals {
     /// Prepare for the weights of some runs with so many `parameters` d that vary.
     ///
@@ -165,12 +176,7 @@ impl Marginals {
         let quantiles = Quantiles::new(values, &self.wide_weights);
         let median = quantiles.at(0.5);
         let widened = |p: f64| (median + self.stretch * (quantiles.at(p) - median)).clamp(lower, upper);
-        let room = (LEAN * sd_value).max(0.02 * (upper - lower));
-        let lean = match (mean_value - lower < room, upper - mean_value < room) {
-            (true, false) => -1,
-            (false, true) => 1,
-            _ => 0,
-        };
+        let lean = leaning(mean_value, sd_value, (lower, upper));
         Marginal { mean: mean_value, sd: sd_value, q05: widened(0.05), q95: widened(0.95), lean }
     }
 }

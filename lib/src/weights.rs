@@ -37,24 +37,50 @@ impl Weights {
         Self::from_table(&Table::read(path)?)
     }
 
+    /// Read the weights at several steps, from a table with a column `step`, as [`Weights::read`] does
+    /// each; without that column there is one set of weights and no step.
+    ///
+    /// # Errors
+    /// See [`Weights::read`].
+    pub fn read_steps(path: &Path) -> Result<Vec<(Option<f64>, Self)>> {
+        let table = Table::read(path)?;
+        if table.format().find("step")?.is_none() || table.is_empty() {
+            return Ok(vec![(None, Self::from_table(&table)?)]);
+        }
+        let step = table.numbers("step")?;
+        let mut steps = step.clone();
+        steps.sort_by(f64::total_cmp);
+        steps.dedup();
+        let rows_of = |at: f64| (0..table.len()).filter(|&row| step[row] == at).collect::<Vec<_>>();
+        steps.iter().map(|&at| Ok((Some(at), Self::from_rows(&table, &rows_of(at))?))).collect()
+    }
+
     /// The weights from a table that was read already; see [`Weights::read`].
     ///
     /// # Errors
     /// See [`Weights::read`].
     pub fn from_table(table: &Table) -> Result<Self> {
+        Self::from_rows(table, &(0..table.len()).collect::<Vec<_>>())
+    }
+
+    fn from_rows(table: &Table, rows: &[usize]) -> Result<Self> {
         let format = table.format();
         let source = format.source().to_owned();
         let sample_column = format.column("sample")?;
-        let mut weight = table.numbers("weight")?;
-        if let Some(row) = weight.iter().position(|&weight| weight < 0.0) {
+        let numbers = |name: &str| {
+            let column = format.column(name)?;
+            rows.iter().map(|&row| table.number(row, column)).collect::<Result<Vec<f64>>>()
+        };
+        let mut weight = numbers("weight")?;
+        if let Some(place) = weight.iter().position(|&weight| weight < 0.0) {
             return table.fail(
-                row,
+                rows[place],
                 "weight",
-                format_args!("{}, but a weight cannot be negative", weight[row]),
+                format_args!("{}, but a weight cannot be negative", weight[place]),
             );
         }
         let mut first_lines = HashMap::new();
-        for row in 0..table.len() {
+        for &row in rows {
             let name = table.field(row, sample_column);
             if let Some(line) = first_lines.insert(name, table.line(row)) {
                 return table.fail(row, "sample", format_args!("{name} is on line {line} already"));
@@ -69,14 +95,14 @@ impl Weights {
         let parameters: Vec<String> = format
             .columns()
             .iter()
-            .filter(|name| !matches!(name.as_str(), "sample" | "misfit" | "error" | "weight"))
+            .filter(|name| !matches!(name.as_str(), "sample" | "step" | "misfit" | "error" | "weight"))
             .cloned()
             .collect();
-        let columns = parameters.iter().map(|name| table.numbers(name)).collect::<Result<Vec<_>>>()?;
-        let optional = |name: &str| format.find(name)?.map(|_| table.numbers(name)).transpose();
+        let columns = parameters.iter().map(|name| numbers(name)).collect::<Result<Vec<_>>>()?;
+        let optional = |name: &str| format.find(name)?.map(|_| numbers(name)).transpose();
         Ok(Self {
-            samples: (0..table.len()).map(|row| table.field(row, sample_column).to_owned()).collect(),
-            values: (0..table.len()).map(|row| columns.iter().map(|column| column[row]).collect()).collect(),
+            samples: rows.iter().map(|&row| table.field(row, sample_column).to_owned()).collect(),
+            values: (0..rows.len()).map(|row| columns.iter().map(|column| column[row]).collect()).collect(),
             misfit: optional("misfit")?,
             error: optional("error")?,
             parameters,
@@ -184,6 +210,18 @@ mod tests {
     fn a_bare_table_of_weights_is_enough() {
         let weights = parse("sample weight\na 1\nb 0\n").unwrap();
         assert_eq!((weights.weight, weights.misfit, weights.parameters), (vec![1.0, 0.0], None, vec![]));
+    }
+
+    #[test]
+    fn weights_at_several_steps_sum_to_one_each() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("steps.tsv");
+        std::fs::write(&path, "sample step E weight\na 3 2 1\nb 3 4 3\na 9 2 1\nb 9 4 0\n").unwrap();
+        let steps = Weights::read_steps(&path).unwrap();
+        let of = |place: usize| (steps[place].0, steps[place].1.weight.clone());
+        assert_eq!([of(0), of(1)], [(Some(3.0), vec![0.25, 0.75]), (Some(9.0), vec![1.0, 0.0])]);
+        assert_eq!(steps[1].1.parameters, ["E"]);
+        assert!(format!("{:#}", Weights::read(&path).unwrap_err()).contains("a is on line 2 already"));
     }
 
     #[test]

@@ -53,7 +53,7 @@ with_slurm() {
 facts() {
     local name folder status failed=0
     for name in $(declare -F | awk '{ print $3 }' | grep -vxFf <(awk '{ print $3 }' <<<"$before")); do
-        case $name in needs | ends_with | says | same | absent | facts | with_* | cleanup) continue ;; esac
+        case $name in needs | ends_with | says | same | absent | facts | with_* | is_* | cleanup) continue ;; esac
         [[ -z ${1-} || $name == *$1* ]] || continue
         folder=$(mktemp -d)
         status=0

@@ -8,3 +8,4 @@ pub mod diagnose;
 pub mod fit;
 pub mod generate;
 pub mod score;
+pub mod specimen;

@@ -93,6 +93,7 @@ fn noise_and_weights_without_sense_are_refused() {
     let folder = collected(6);
     for (option, says) in [
         ("--noise y=0", "not positive"),
+        ("--noise y=1e-200", "beyond what a number can say"),
         ("--noise z=1", "z"),
         ("--weights y=-1", "positive"),
         ("--weights q=1", "q"),
@@ -100,6 +101,54 @@ fn noise_and_weights_without_sense_are_refused() {
         ("--steps 5:5", "A:B"),
     ] {
         folder.refuses(&format!("{LIKELIHOOD} {option}"), &[says]);
+    }
+}
+
+#[test]
+fn standard_deviations_of_an_emulator_are_given_for_all_observables_and_none_is_negative() {
+    let folder = Folder::default();
+    folder.write("obs.txt", "x y z\n0 1 5\n1 2 7\n");
+    let line = "gl-likelihood -b obs.txt -c x -v y,z ensemble.txt -o misfit.txt";
+    folder.write("ensemble.txt", "sample step x y z y_sd\na 0 0 1 5 1\na 1 1 2 7 1\n");
+    folder.refuses(line, &["ensemble.txt:1: y has a column y_sd, but z has none", "zeros"]);
+    folder.write("ensemble.txt", "sample step x y z y_sd z_sd\na 0 0 1 5 1 0\na 1 1 2 7 1 -2\n");
+    folder.refuses(line, &["ensemble.txt:3: column z_sd: -2, but a standard deviation is not negative"]);
+}
+
+#[test]
+fn tolerances_and_counts_without_sense_are_refused() {
+    let folder = weighed();
+    for line in [
+        "gl-sample -p params.txt -n 3 --threads 0",
+        "gl-collect -s samples.txt -b obs.txt -c x -v y runs --rtol nan",
+        "gl-collect -s samples.txt -b obs.txt -c x -v y runs --max-failed=-1",
+        "gl-collect -s samples.txt -b obs.txt -c x -v y runs --end-tolerance inf",
+        "gl-filter -s samples.txt misfit.txt --ess-runs nan",
+        "gl-gmm-resample -p params.txt -n 3 weights.txt --deviation nan",
+        "gl-check-stop --sigma-tol nan summary.txt",
+    ] {
+        folder.refuses(line, &["invalid value"]);
+    }
+}
+
+#[test]
+fn samples_outside_the_bounds_draw_no_others() {
+    let folder = Folder::default();
+    folder.write("params.txt", "name lower upper\na 0 1\n");
+    let line = "gl-gmm-resample -p params.txt -n 50 --components 1 weights.txt -o next.txt";
+    folder.write("weights.txt", "sample a weight\ns 5 1\nt 6 1\n");
+    folder.refuses(line, &["weights.txt: no sample with weight lies within the bounds"]);
+    let rows = |far: bool| {
+        (0..40).map(|i| format!("s{i} {} 1\n", f64::from(i) / 80.0)).collect::<String>()
+            + if far { "t 5 40\n" } else { "" }
+    };
+    folder.write("weights.txt", format!("sample a weight\n{}", rows(true)));
+    folder.run(line);
+    let narrowed = folder.column("next.txt", "a");
+    folder.write("weights.txt", format!("sample a weight\n{}", rows(false)));
+    folder.run(line);
+    for (narrowed, alone) in narrowed.iter().zip(folder.column("next.txt", "a")) {
+        assert!((narrowed - alone).abs() < 1e-9, "{narrowed} {alone}");
     }
 }
 
@@ -161,6 +210,8 @@ fn too_many_failed_runs_are_an_error_that_says_where_the_reasons_are() {
     let line = COLLECT.replace(" --status status.txt", "");
     folder.refuses(&line, &["3 of 4 runs failed, more than --max-failed 0.5", "--status"]);
     folder.refuses(&line.replace("runs", "nowhere"), &["nowhere: cannot be read"]);
+    folder.write(&format!("runs/{}_sim.txt", folder.texts("samples.txt", "description")[0]), "");
+    folder.refuses(&format!("{line} --max-failed 1"), &["all 4 runs failed", "--status"]);
 }
 
 #[test]
@@ -263,6 +314,7 @@ fn priors_without_sense_are_refused() {
             "params.txt:3: column upper: 2 is not above the lower bound 2 of a",
         ),
         ("name lower upper\na 3 2\n", "params.txt:2: column upper"),
+        ("name lower upper\na -1e308 1e308\n", "params.txt:2: column upper: 1e308 lies further from -1e308"),
         (
             "name lower upper shape\na 1 2 log\n",
             "params.txt:1: unknown column shape; a table of parameters has name",

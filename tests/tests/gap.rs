@@ -160,9 +160,52 @@ fn half_of_the_effect_closes_three_quarters_of_the_squared_gap() {
     assert!(full[3] > 0.97 && full[4] > 0.9 && full[5] == 1.0, "{full:?}");
     let (unseen, _) = shrink("half.tsv", " --steps 25:40");
     assert!((unseen[3] - 0.75).abs() < 0.1 && unseen[0] > half[0], "{unseen:?}");
+    let (others, _) = shrink("half.tsv", " --calibrated 0:25");
+    assert_eq!(others, unseen);
+    let (both_ends, _) = shrink("half.tsv", " --calibrated 10:30");
+    assert!((both_ends[3] - 0.75).abs() < 0.1, "{both_ends:?}");
     let (none, said) = shrink("half.tsv", " --steps 0:20");
     assert!(none[4] <= 0.0 && none[5] == 1.0, "{none:?}");
     assert!(said.contains("no gap to close") || said.contains("may not have closed"), "{said}");
+}
+
+#[test]
+fn how_far_a_gap_closes_needs_no_parameters_in_the_weights() {
+    let directory = directory();
+    let write = |name: &str, text: String| fs::write(directory.path().join(name), text).unwrap();
+    let names = || (0..12).map(|run| format!("r{run}"));
+    let ensemble = |effect: f64| {
+        let row = |run: &str, step: usize| {
+            let rise = if step < 20 { 0.0 } else { effect };
+            format!("{run}\t{step}\t{}\t{}\n", step as f64 / 10.0, 1.0 + rise)
+        };
+        let rows: String = names().flat_map(|run| (0..STEPS).map(move |step| row(&run, step))).collect();
+        format!("sample\tstep\te\tq\n{rows}")
+    };
+    write("before.tsv", ensemble(0.0));
+    write("after.tsv", ensemble(1.0));
+    write("plain.tsv", names().fold("sample\tweight\n".to_owned(), |all, name| all + &name + "\t1\n"));
+    let arguments =
+        "-b obs.txt -c e -v q --noise q=0.1 --before before.tsv,plain.tsv --after after.tsv,plain.tsv";
+    let shrinks = table(&run(directory.path(), "gl-gap-shrink", arguments));
+    assert!(shrinks.number(0, 4).unwrap() > 0.97, "{shrinks:?}");
+}
+
+#[test]
+fn an_ensemble_of_a_calibration_may_come_from_stdin() {
+    let directory = directory();
+    let call = |before: &str| {
+        pipelines::tool("gl-gap-shrink")
+            .args("-b obs.txt -c e -v q --noise q=0.1 --after full.tsv,weights.tsv --before".split(' '))
+            .arg(before)
+            .current_dir(directory.path())
+            .write_stdin(fs::read(directory.path().join("base.tsv")).unwrap())
+            .output()
+            .unwrap()
+    };
+    let (piped, read) = (call("-,weights.tsv"), call("base.tsv,weights.tsv"));
+    assert!(read.status.success() && piped.stdout == read.stdout, "{}", stderr(&piped));
+    assert_refused(&call("-,-"), &["two inputs are to come from stdin"]);
 }
 
 #[test]
@@ -206,6 +249,11 @@ fn bad_input_is_refused_with_its_place() {
     assert_refused(&shrink("constant.txt", "half.tsv,weights.tsv"), &["constant.txt: q is constant"]);
     assert_refused(&shrink("obs.txt", "half.tsv"), &["half.tsv", "ENSEMBLE,WEIGHTS"]);
     assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --steps 40:50"), &["--steps", "0 to 39"]);
+    assert_refused(
+        &shrink("obs.txt", "half.tsv,weights.tsv --calibrated :"),
+        &["--calibrated", "saw them all"],
+    );
+    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --scatter -1"), &["--scatter -1"]);
     let known = locate("one.txt", "alone.tsv --noise q=0.1", "one.tsv");
     assert_eq!(table(&known).len(), 1);
     let constant = locate("constant.txt", "weights.tsv --noise q=0.1", "base.tsv");

@@ -249,6 +249,51 @@ fn a_noise_of_zero_is_refused() {
 }
 
 #[test]
+fn a_noise_of_zero_in_the_measurement_is_refused() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("obs.txt", |text| {
+        text.lines().map(|line| format!("{line} {}\n", if line == "x y" { "y_sd" } else { "0" })).collect()
+    });
+    case.refused(&[], &["obs.txt: the noise of y is not positive"]);
+}
+
+/// The curve itself, as a deterministic simulator would have made it.
+fn exact(values: &[f64]) -> Case {
+    let case = Case::new(75, &Effects::Switch, values, 0.0);
+    let mut obs = "x y\n".to_owned();
+    for (t, y) in curve(values, 0.0).iter().enumerate() {
+        writeln!(obs, "{} {y}", t as f64 / (STEPS - 1) as f64).unwrap();
+    }
+    case.write("obs.txt", &obs);
+    case
+}
+
+#[test]
+fn a_measurement_without_noise_of_a_deterministic_simulator_is_explained() {
+    let rows = exact(&[1.4, 0.9, 0.0]).rows(&[]);
+    assert_eq!(rows[0].0, "bending", "{rows:?}");
+    let rows = exact(&[1.4, 0.0, 0.0]).rows(&[]);
+    assert_eq!(rows[0].0, "none", "{rows:?}");
+}
+
+#[test]
+fn an_observable_that_no_run_changes_explains_nothing() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("runs.tsv", |text| {
+        let flat = |line: &str| match line.rsplit_once(' ') {
+            Some((rest, "y")) => format!("{rest} y\n"),
+            Some((rest, _)) => format!("{rest} 1\n"),
+            None => String::new(),
+        };
+        text.lines().map(flat).collect()
+    });
+    let output = case.run(&NOISE);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("runs.tsv: y is the same in every run"), "{message}");
+}
+
+#[test]
 fn another_grid_is_refused() {
     let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     case.edit("obs.txt", |text| text.replace("\n1 ", "\n1.01 "));

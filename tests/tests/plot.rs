@@ -8,9 +8,6 @@ use std::process::{Command, Output};
 use pipelines::folder::Folder;
 use pipelines::path_with_tools;
 
-const KINDS: [&str; 8] =
-    ["fit", "posterior", "pairs", "history", "proposal", "emulator", "gap", "attribution"];
-
 /// A folder with tables, in which gl-plot runs.
 struct Tables(Folder);
 
@@ -136,21 +133,6 @@ fn many_weights(samples: usize, parameters: usize) -> String {
 }
 
 #[test]
-fn every_example_in_the_help_runs() {
-    for kind in KINDS.into_iter().chain([""]) {
-        let folder = Tables::with(&[]);
-        let output = folder.run(&format!("{kind} --help"));
-        let help = String::from_utf8(output.stdout).unwrap();
-        let (_, example) = help.split_once("Example:\n").unwrap();
-        let example = example.split("\n\n").next().unwrap();
-        let output = folder.shell(example);
-        assert!(output.status.success(), "{example}\n{}", String::from_utf8_lossy(&output.stderr));
-        let picture = if kind.is_empty() { "posterior" } else { kind };
-        check_svg(&folder.0.read(&format!("{picture}.svg")));
-    }
-}
-
-#[test]
 fn a_fit_shows_measurement_mean_band_best_runs_and_residuals() {
     let svg = calibration()
         .svg("fit -b obs.txt -c u -v f,q -w weights.txt --noise f=0.1,q=0.2 --units q=MPa ensemble.txt");
@@ -202,6 +184,21 @@ fn several_tables_of_weights_become_rows_of_one_picture() {
 }
 
 #[test]
+fn weights_at_several_steps_become_rows_in_the_order_of_the_steps() {
+    let folder = calibration();
+    let steps =
+        "sample step E mu weight\na 19 1e11 0.3 0.4\nb 19 2e11 0.5 0.6\na 9 1e11 0.3 0.5\nb 9 2e11 0.5 0.5\n";
+    folder.0.write("steps.txt", steps);
+    let svg = folder.svg("posterior -w steps.txt -p params.txt");
+    assert_eq!(count(&svg, "panel"), 2 * 3);
+    let place = |label: &str| svg.find(&format!(">{label}</text>")).unwrap();
+    assert!(place("step 9") < place("step 19"));
+    assert_eq!(series(&svg, "density, step 9"), 2);
+    let svg = folder.svg("posterior -w steps.txt -w weights.txt --labels first,second,all -p params.txt");
+    assert_eq!(count(&svg, "panel"), 2 * 4);
+}
+
+#[test]
 fn the_interval_of_a_summary_is_the_one_that_is_drawn() {
     let folder = calibration();
     folder.0.write("summary.txt", "quantity value\nmean(E) 1.5e11\nq05(E) 1.1e11\nq95(E) 1.9e11\nmean(mu) 0.4\nq05(mu) 0.3\nq95(mu) 0.45\n");
@@ -235,11 +232,43 @@ fn pairs_are_a_triangle_with_every_iteration() {
     assert_eq!(count(&svg, "panel"), 3);
     assert_eq!([series(&svg, "samples0"), series(&svg, "samples1"), series(&svg, "truth")], [1, 1, 3]);
     assert_eq!([series(&svg, "posterior"), series(&svg, "90 % of the posterior")], [4, 1]);
+    assert_eq!([series(&svg, "density of samples0"), series(&svg, "density of samples1")], [2, 2]);
     for i in [0, 3] {
         folder.0.write(&format!("iter{i}/samples.txt"), format!("description E mu\na{i} 1.2e11 0.3\n"));
     }
     let svg = folder.svg("pairs -w weights.txt -s iter0/samples.txt -s iter3/samples.txt");
     assert!(has_text(&svg, "iter0") && has_text(&svg, "iter3"));
+}
+
+#[test]
+fn a_legend_names_a_few_of_many_iterations() {
+    let folder = calibration();
+    let mut call = String::from("pairs -w weights.txt -p params.txt");
+    for i in 0..20 {
+        folder.0.write(&format!("iter{i}/samples.txt"), format!("description E mu\na{i} 1.2e11 0.3\n"));
+        call.push_str(&format!(" -s iter{i}/samples.txt"));
+    }
+    let svg = folder.svg(&call);
+    let named = |svg: &str| (0..20).filter(|i| has_text(svg, &format!("iter{i}"))).collect::<Vec<_>>();
+    assert_eq!(named(&svg), [0, 3, 7, 11, 15, 19]);
+    assert_eq!(series(&svg, "iter5"), 1);
+}
+
+#[test]
+fn a_close_up_is_as_wide_as_the_posterior() {
+    let mut weights = String::from("sample E mu weight\n");
+    for i in 0..200 {
+        let weight = (-0.5 * ((i as f64 - 100.0) / 2.0).powi(2)).exp();
+        weights.push_str(&format!("s{i} {} 0.{:03} {weight}\n", 1e11 + 5e8 * i as f64, 100 + i));
+    }
+    let folder = Tables::with(&[("weights.txt", &weights), ("params.txt", PARAMS)]);
+    for kind in ["posterior", "pairs"] {
+        let wide = folder.svg(&format!("{kind} -w weights.txt -p params.txt"));
+        assert!(has_text(&wide, "200") && !has_text(&wide, "150.0"), "{kind}");
+        // The mean is 150e9, the standard deviation 1e9.
+        let close = folder.svg(&format!("{kind} -w weights.txt -p params.txt --close-up"));
+        assert!(!has_text(&close, "200") && (has_text(&close, "150") || has_text(&close, "150.0")), "{kind}");
+    }
 }
 
 #[test]
@@ -413,7 +442,7 @@ fn bad_input_says_what_would_be_right_and_writes_nothing() {
         ("fit -b obs.txt -w obs.txt ensemble.txt", "obs.txt:1: no column sample"),
         ("posterior -w obs.txt", "obs.txt:1: no column sample"),
         ("posterior -w weights.txt --truth x=1", "--truth x: no such parameter; they are E, mu"),
-        ("posterior -w weights.txt --labels a,b", "--labels: 2 names for 1 tables"),
+        ("posterior -w weights.txt --labels a,b", "--labels: 2 names for 1 sets of weights"),
         ("pairs -w weights.txt -s obs.txt", "obs.txt:1: no column description"),
         ("history weights.txt", "weights.txt:1: no column step"),
         ("history --summary weights.txt", "weights.txt:1: no column quantity"),

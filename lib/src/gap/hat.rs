@@ -18,6 +18,9 @@ impl Hat {
     /// its covariance. A fit follows all the noise along a direction in which that is at least the
     /// noise itself, as it is wherever the data and not the prior determine the fit.
     pub fn new(spread: &DMatrix<f64>) -> Self {
+        if spread.nrows() == 0 {
+            return Self::default();
+        }
         let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(spread * spread.transpose());
         let direction = |k: usize| {
             let along = spread.tr_mul(&eigenvectors.column(k)) / eigenvalues[k].sqrt();
@@ -109,6 +112,13 @@ mod tests {
             let variance = noises[i / 3].sd[i % 3].powi(2);
             assert!((left[i / 3][i % 3] - variance * expected[(i, i)]).abs() < 1e-12, "reading {i}");
         }
+    }
+
+    #[test]
+    fn without_parameters_nothing_is_taken_out() {
+        let noises = [Noise { sd: vec![1.0, 2.0], phi: 0.5 }];
+        let left = Hat::new(&DMatrix::zeros(0, 2)).left(&noises);
+        assert_eq!(left, [[1.0, 4.0]]);
     }
 
     #[test]

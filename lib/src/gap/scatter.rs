@@ -26,7 +26,8 @@ pub(super) struct Scatter {
 /// * `noise_sd` — shape (observables, steps), all above zero.
 ///
 /// Both are nothing where fewer than two runs a parameter (and two more) are effective, since the
-/// regression would then explain everything.
+/// regression would then explain everything. Where no parameter is known to vary, calibration has
+/// absorbed nothing.
 pub(super) fn scatter(
     ensemble: &Ensemble,
     weights: &Weights,

@@ -1,7 +1,5 @@
 //! How far the gap closes once an effect is in the simulation.
 
-use std::ops::Range;
-
 use anyhow::{Result, bail, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -52,12 +50,14 @@ const LOWEST: f64 = -1.0;
 /// together.
 ///
 /// * `unseen` — the steps it is measured on, which calibration did not see; if absent all, of whose
-///   noise the fit took its part.
+///   noise the fit took its part. In ascending order, at least one.
 /// * `noise_sd` — standard deviation of the noise, shape (observables, steps), where it is known;
 ///   else it is estimated from how the gap after changes from step to step.
 ///
-/// The floor is the noise that the fit after left in the residuals, plus the scatter of the runs as far
-/// as their parameters do not explain it. The interval comes from replicates of the measurement: noise with the correlation that
+/// * `scatter_share` — share of the simulation's own scatter that the measurement has, not negative.
+///
+/// The floor is what the fit after left of the noise and of the scatter of the runs, which is what their
+/// parameters do not explain; see [`floor`](crate::gap::attribute::closure::floor). The interval comes from replicates of the measurement: noise with the correlation that
 /// the gap after shows, the scatter of a run drawn at random, and posterior means as uncertain as the
 /// number of effective runs leaves them, are added to a gap of the estimated size. Both
 /// calibrations meet the same measurement, so they share the noise.
@@ -69,10 +69,12 @@ pub fn shrink(
     observations: &Observations,
     before: &Calibrated,
     after: &Calibrated,
-    unseen: Option<Range<usize>>,
+    unseen: Option<Vec<usize>>,
     noise_sd: Option<&[Vec<f64>]>,
+    scatter_share: f64,
     seed: u64,
 ) -> Result<Vec<Shrink>> {
+    ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
     let ranges = observations.ranges();
     if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
         bail!(
@@ -98,6 +100,10 @@ pub fn shrink(
         // The fit has not followed a noise that it did not see.
         scatter.hat = Hat::default();
     }
+    for run in &mut scatter.runs {
+        run.iter_mut().flatten().for_each(|s| *s *= scatter_share.sqrt());
+        scatter.hat.take_out(run, &noises);
+    }
     let doubts =
         [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
             let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
@@ -108,7 +114,7 @@ pub fn shrink(
     let problem = Problem {
         ranges,
         scales,
-        steps: unseen.unwrap_or(0..observations.steps()),
+        steps: unseen.unwrap_or_else(|| (0..observations.steps()).collect()),
         noise_sd,
         scatter,
         noises,
@@ -120,7 +126,7 @@ pub fn shrink(
 struct Problem<'a> {
     ranges: Vec<f64>,
     scales: Vec<f64>,
-    steps: Range<usize>,
+    steps: Vec<usize>,
     noise_sd: Option<&'a [Vec<f64>]>,
     noises: Vec<Noise>,
     scatter: Scatter,
@@ -161,10 +167,10 @@ impl Problem<'_> {
             .map(|j| {
                 let unit = self.ranges[j].powi(2) * count;
                 let sum =
-                    |values: &[f64]| values[self.steps.clone()].iter().map(|x| x * x).sum::<f64>() / unit;
+                    |values: &[f64]| self.steps.iter().map(|&t| values[t] * values[t]).sum::<f64>() / unit;
                 let runs = &self.scatter.runs;
                 let scattered = runs.iter().map(|run| sum(&run[j])).sum::<f64>() / runs.len().max(1) as f64;
-                let noise = left[j][self.steps.clone()].iter().sum::<f64>() / unit;
+                let noise = self.steps.iter().map(|&t| left[j][t]).sum::<f64>() / unit;
                 [sum(&gaps[0][j]), sum(&gaps[1][j]), noise + scattered]
             })
             .collect();
@@ -317,7 +323,7 @@ mod tests {
 
     fn shrinks(pair: &Pair, known: bool) -> Vec<Shrink> {
         let noise = known.then_some(pair.noise_sd.as_slice());
-        shrink(&pair.observations, &pair.before, &pair.after, None, noise, 1).unwrap()
+        shrink(&pair.observations, &pair.before, &pair.after, None, noise, 1.0, 1).unwrap()
     }
 
     /// How far the gap truly shrinks: what calibrations against measurements without noise leave.

@@ -19,7 +19,7 @@ pub struct Flaw {
 /// A table whose rows come run by run, read in blocks that hold whole runs and are worked on by all
 /// cores: memory does not grow with the number of runs.
 pub struct RunTable<'a> {
-    input: &'a mut dyn Read,
+    input: &'a mut (dyn Read + Send),
     format: Format,
     key: usize,
     buffer: Vec<u8>,
@@ -37,7 +37,7 @@ impl<'a> RunTable<'a> {
     ///
     /// # Errors
     /// If there is no header, or no such column.
-    pub fn new(source: &str, input: &'a mut dyn Read, key: &str) -> Result<Self> {
+    pub fn new(source: &str, input: &'a mut (dyn Read + Send), key: &str) -> Result<Self> {
         let mut buffer = Vec::new();
         let mut ended = false;
         loop {
@@ -74,27 +74,38 @@ impl<'a> RunTable<'a> {
         work: impl Fn(&str, &Format) -> Result<T, Flaw> + Sync,
         mut take: impl FnMut(T) -> Result<()>,
     ) -> Result<()> {
+        let mut block = Vec::new();
         while self.next_block()? {
-            let source = self.format.source();
-            let block = str::from_utf8(&self.buffer[..self.used])
-                .with_context(|| format!("{source}:{}: not UTF-8 text", self.lines + 1))?;
-            let pieces = self.pieces(block, 4 * rayon::current_num_threads());
-            let results: Vec<_> = pieces.par_iter().map(|piece| work(piece, &self.format)).collect();
+            std::mem::swap(&mut block, &mut self.buffer);
+            self.buffer.clear();
+            self.buffer.extend_from_slice(&block[self.used..]);
+            block.truncate(std::mem::take(&mut self.used));
+            let pieces = self.pieces(&block, 4 * rayon::current_num_threads());
+            let Self { input, format, buffer, lines, ended, .. } = &mut self;
+            let source = format.source();
+            // One core may wait for the disk while the others work.
+            let read_ahead = || if *ended { Ok(false) } else { fill(source, *input, buffer, BLOCK) };
+            let text = |piece: &&[u8]| match str::from_utf8(piece) {
+                Ok(text) => work(text, format),
+                Err(error) => {
+                    let before = memchr::memchr_iter(b'\n', &piece[..error.valid_up_to()]).count();
+                    Err(Flaw { line: before + 1, problem: "not UTF-8 text".to_owned() })
+                }
+            };
+            let (results, is_more) =
+                rayon::join(|| pieces.par_iter().map(text).collect::<Vec<_>>(), read_ahead);
             for (piece, result) in pieces.iter().zip(results) {
-                take(
-                    result
-                        .map_err(|flaw| anyhow!("{source}:{}: {}", self.lines + flaw.line, flaw.problem))?,
-                )?;
-                self.lines += memchr::memchr_iter(b'\n', piece.as_bytes()).count();
+                take(result.map_err(|flaw| anyhow!("{source}:{}: {}", *lines + flaw.line, flaw.problem))?)?;
+                *lines += memchr::memchr_iter(b'\n', piece).count();
             }
+            *ended = !is_more?;
         }
         Ok(())
     }
 
     /// Go on to the next block; false at the end of the table.
     fn next_block(&mut self) -> Result<bool> {
-        self.buffer.drain(..self.used);
-        self.used = 0;
+        self.buffer.drain(..std::mem::take(&mut self.used));
         loop {
             if self.ended {
                 self.used = self.buffer.len();
@@ -119,8 +130,7 @@ impl<'a> RunTable<'a> {
         let mut start = memchr::memrchr(b'\n', &self.buffer).map_or(0, |end| end + 1);
         while start > 0 {
             let previous = memchr::memrchr(b'\n', &self.buffer[..start - 1]).map_or(0, |end| end + 1);
-            let line = str::from_utf8(&self.buffer[previous..start - 1]).unwrap_or("");
-            match (self.run(line, &mut fields), &last) {
+            match (self.run(&self.buffer[previous..start - 1], &mut fields), &last) {
                 (Some(run), None) => last = Some(run.to_owned()),
                 (Some(run), Some(last)) if run != last => return start,
                 _ => {}
@@ -131,16 +141,16 @@ impl<'a> RunTable<'a> {
     }
 
     /// Cut a block into about `count` pieces between runs.
-    fn pieces<'b>(&self, block: &'b str, count: usize) -> Vec<&'b str> {
+    fn pieces<'b>(&self, block: &'b [u8], count: usize) -> Vec<&'b [u8]> {
         let size = block.len() / count + 1;
         let mut pieces = Vec::with_capacity(count);
         let mut fields = Vec::new();
         let mut rest = block;
         while rest.len() > size {
-            let Some(end) = memchr::memchr(b'\n', &rest.as_bytes()[size..]) else { break };
+            let Some(end) = memchr::memchr(b'\n', &rest[size..]) else { break };
             let mut end = size + end + 1;
             let mut cut: Option<&str> = None;
-            while let Some(length) = memchr::memchr(b'\n', &rest.as_bytes()[end..]) {
+            while let Some(length) = memchr::memchr(b'\n', &rest[end..]) {
                 match (self.run(&rest[end..end + length], &mut fields), cut) {
                     (Some(run), None) => cut = Some(run),
                     (Some(run), Some(cut)) if run != cut => break,
@@ -157,7 +167,8 @@ impl<'a> RunTable<'a> {
     }
 
     /// The run that a line belongs to, if it is a row.
-    fn run<'b>(&self, line: &'b str, fields: &mut Vec<&'b str>) -> Option<&'b str> {
+    fn run<'b>(&self, line: &'b [u8], fields: &mut Vec<&'b str>) -> Option<&'b str> {
+        let line = str::from_utf8(line).ok()?;
         self.format.split_fields(line, fields).is_ok().then(|| fields[self.key])
     }
 }

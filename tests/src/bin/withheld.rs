@@ -67,61 +67,69 @@ fn run(args: &Args) -> Result<()> {
     }
 }
 
+/// Groups of cases by what is behind them and how visible it is.
+const GROUPS: [(&str, fn(&Scored) -> bool); 10] = [
+    ("none", |case| case.truth == "none"),
+    ("one, visibility >= 1", |case| is_one(case) && case.visibility >= 1.0),
+    ("one, 0.5 to 1", |case| is_one(case) && (0.5..1.0).contains(&case.visibility)),
+    ("one, below 0.5", |case| is_one(case) && case.visibility < 0.5),
+    ("two, both >= 1", |case| case.truth.contains('+') && case.least >= 1.0),
+    ("two, both 0.5 to 1", |case| case.truth.contains('+') && (0.5..1.0).contains(&case.least)),
+    ("two, one below 0.5", |case| case.truth.contains('+') && case.least < 0.5),
+    ("no candidate, >= 2", |case| case.withheld && case.visibility >= 2.0),
+    ("no candidate, 1 to 2", |case| case.withheld && (1.0..2.0).contains(&case.visibility)),
+    ("no candidate, below 1", |case| case.withheld && case.visibility < 1.0),
+];
+
+fn is_one(case: &Scored) -> bool {
+    !case.withheld && case.truth != "none" && !case.truth.contains('+')
+}
+
 fn score(cases: &[Scored]) -> Result<()> {
-    let mut table = TableWriter::create(
-        None,
-        &["what", "cases", "right", "wrong_effect", "withheld_judgement", "wrong_above_0.9"],
-    )?;
-    let single = |case: &Scored| !case.withheld && case.truth != "none" && !case.truth.contains('+');
-    type Choice<'a> = (String, Box<dyn Fn(&Scored) -> bool + 'a>);
-    let mut choices: Vec<Choice<'_>> = vec![
-        ("none".to_owned(), Box::new(|case: &Scored| case.truth == "none")),
-        ("one, visibility >= 1".to_owned(), Box::new(move |c: &Scored| single(c) && c.visibility >= 1.0)),
-        (
-            "one, 0.5 to 1".to_owned(),
-            Box::new(move |c: &Scored| single(c) && (0.5..1.0).contains(&c.visibility)),
-        ),
-        ("one, below 0.5".to_owned(), Box::new(move |c: &Scored| single(c) && c.visibility < 0.5)),
-        ("two, both >= 1".to_owned(), Box::new(|c: &Scored| c.truth.contains('+') && c.least >= 1.0)),
-        (
-            "two, both 0.5 to 1".to_owned(),
-            Box::new(|c: &Scored| c.truth.contains('+') && (0.5..1.0).contains(&c.least)),
-        ),
-        ("two, one below 0.5".to_owned(), Box::new(|c: &Scored| c.truth.contains('+') && c.least < 0.5)),
-        ("no candidate, >= 2".to_owned(), Box::new(|c: &Scored| c.withheld && c.visibility >= 2.0)),
-        (
-            "no candidate, 1 to 2".to_owned(),
-            Box::new(|c: &Scored| c.withheld && (1.0..2.0).contains(&c.visibility)),
-        ),
-        ("no candidate, below 1".to_owned(), Box::new(|c: &Scored| c.withheld && c.visibility < 1.0)),
-    ];
-    let mut names: Vec<String> =
-        cases.iter().filter(|c| single(c) || c.withheld).map(|c| c.truth.clone()).collect();
-    names.sort();
+    let columns =
+        ["what", "cases", "right", "confounded", "wrong_effect", "withheld_judgement", "wrong_above_0.9"];
+    let mut table = TableWriter::create(None, &columns)?;
+    let mut row = |name: &str, choose: &dyn Fn(&Scored) -> bool| -> Result<()> {
+        let chosen: Vec<&Scored> = cases.iter().filter(|case| choose(case)).collect();
+        if chosen.is_empty() {
+            return Ok(());
+        }
+        let share = |so: &dyn Fn(&Scored) -> bool| Share::count(chosen.iter().copied(), so).of as f64;
+        let is_wrong = |case: &Scored| case.names_wrong() && !case.is_near();
+        table.text(name).number(chosen.len() as f64).number(share(&Scored::is_right));
+        table.number(share(&Scored::is_near)).number(share(&is_wrong));
+        table.number(share(&|case| !case.is_right() && !case.is_near() && !case.names_wrong()));
+        table.number(share(&|case| case.names_wrong() && case.probability > 0.9)).end_row()
+    };
+    for family in ["Plain", "Scatter", "Rig"] {
+        for (group, choose) in GROUPS {
+            row(&format!("{}: {group}", family.to_lowercase()), &|case| {
+                case.family == family && choose(case)
+            })?;
+        }
+    }
+    for (group, choose) in GROUPS {
+        row(&format!("all: {group}"), &choose)?;
+    }
+    let mut names: Vec<&str> =
+        cases.iter().filter(|c| is_one(c) || c.withheld).map(|c| c.truth.as_str()).collect();
+    names.sort_unstable();
     names.dedup();
     for name in names {
-        let own = name.clone();
-        choices.push((
-            format!("{name}, >= 1"),
-            Box::new(move |c: &Scored| single(c) && c.truth == own && c.visibility >= 1.0),
-        ));
-        let own = name.clone();
-        choices.push((
-            format!("{name} no candidate, >= 2"),
-            Box::new(move |c: &Scored| c.withheld && c.truth == own && c.visibility >= 2.0),
-        ));
+        row(&format!("{name}, >= 1"), &|c| is_one(c) && c.truth == name && c.visibility >= 1.0)?;
+        row(&format!("{name} no candidate, >= 2"), &|c| {
+            c.withheld && c.truth == name && c.visibility >= 2.0
+        })?;
     }
-    for (name, choose) in &choices {
-        let chosen: Vec<&Scored> = cases.iter().filter(|case| choose(case)).collect();
-        let share = |so: &dyn Fn(&Scored) -> bool| Share::count(chosen.iter().copied(), so).of as f64;
-        table.text(name).number(chosen.len() as f64).number(share(&Scored::is_right));
-        table.number(share(&Scored::names_wrong));
-        table.number(share(&|case| !case.is_right() && !case.names_wrong()));
-        table.number(share(&|case| case.names_wrong() && case.probability > 0.9)).end_row()?;
+    let mut count = |name: &str, share: Share| -> Result<()> {
+        table.text(name).number(share.all as f64).number(share.of as f64);
+        table.text("-").text("-").text("-").text("-").end_row()
+    };
+    for family in ["Plain", "Scatter", "Rig"] {
+        let of = cases.iter().filter(|case| case.family == family);
+        count(&format!("{}: predicted shrink holds", family.to_lowercase()), shrink_coverage(of))?;
     }
-    let so = shrink_coverage(cases);
-    table.text("predicted shrink holds").number(so.all as f64).number(so.of as f64);
-    table.text("-").text("-").text("-").end_row()?;
+    count("all: predicted shrink holds", shrink_coverage(cases.iter()))?;
     let is_seen = |case: &&Scored| {
         case.truth == "none" || if case.truth.contains('+') { case.least } else { case.visibility } >= 0.5
     };
@@ -131,11 +139,10 @@ fn score(cases: &[Scored]) -> Result<()> {
         ("every candidate effect", of_effects(cases)),
     ];
     for (name, statements) in &statements {
-        table.text(&format!("{name}: calibration error {:.3}", calibration_error(statements)));
-        table.number(statements.len() as f64).text("-").text("-").text("-").text("-").end_row()?;
+        let error = calibration_error(statements);
+        count(&format!("{name}: calibration error {error:.3}"), Share { of: 0, all: statements.len() })?;
         for (stated, came) in reliability(statements) {
-            table.text(&format!("{name}: stated {stated:.2}")).number(came.all as f64).number(came.of as f64);
-            table.text("-").text("-").text("-").end_row()?;
+            count(&format!("{name}: stated {stated:.2}"), came)?;
         }
     }
     table.finish()

@@ -8,7 +8,11 @@ use gl::prior::{Parameter, Prior, Scale};
 use gl::samples::{Samples, sample_names};
 use gl::sequence::Method;
 use gl::world::{self, World};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+
+use super::specimen::{factor, scattered};
 
 /// An embedded world with a prior.
 pub struct Bench {
@@ -18,6 +22,9 @@ pub struct Bench {
     pub world: Box<dyn World>,
     /// Every parameter, with every effect.
     pub prior: Prior,
+    /// Effects that belong to the rig, and are no effects of the simulation where those of the
+    /// measurement are candidates.
+    pub of_the_rig: &'static [&'static str],
 }
 
 /// Names of the benches.
@@ -55,9 +62,10 @@ impl Bench {
     /// # Errors
     /// If there is none of that name.
     pub fn named(name: &str) -> Result<Self> {
-        let (name, world, rows): (_, _, &[Row]) = match name {
-            "contact" => ("contact", "contact-cycles", &CONTACT),
-            "triaxial" => ("triaxial", "triaxial", &TRIAXIAL),
+        type Known = (&'static str, &'static str, &'static [Row], &'static [&'static str]);
+        let (name, world, rows, of_the_rig): Known = match name {
+            "contact" => ("contact", "contact-cycles", &CONTACT, &["compliance", "offset"]),
+            "triaxial" => ("triaxial", "triaxial", &TRIAXIAL, &["piston"]),
             _ => anyhow::bail!("no world {name}; they are {}", NAMES.join(", ")),
         };
         let parameter = |&(name, lower, upper, scale, effect): &Row| Parameter {
@@ -72,12 +80,13 @@ impl Bench {
         };
         let prior = Prior::new(rows.iter().map(parameter).collect());
         let world = world::named(world).context("no such world")?;
-        Ok(Self { name, world, prior })
+        Ok(Self { name, world, prior, of_the_rig })
     }
 
-    /// The prior without an effect.
-    pub fn prior_without(&self, effect: Option<&str>) -> Prior {
-        let is_known = |parameter: &&Parameter| effect.is_none() || parameter.effect.as_deref() != effect;
+    /// The prior without some effects.
+    pub fn prior_without(&self, effects: &[&str]) -> Prior {
+        let is_known =
+            |parameter: &&Parameter| !parameter.effect.as_deref().is_some_and(|own| effects.contains(&own));
         Prior::new(self.prior.parameters().iter().filter(is_known).cloned().collect())
     }
 
@@ -106,13 +115,15 @@ impl Bench {
         }
     }
 
-    /// The switch design without an effect, as many runs an input, and its ensemble.
+    /// The switch design without some effects, as many runs an input, and its ensemble. With `scatter`
+    /// every run is of another specimen.
     ///
     /// # Errors
     /// If a run fails.
     pub fn design(
         &self,
-        without: Option<&str>,
+        without: &[&str],
+        scatter: bool,
         runs_an_input: usize,
         seed: u64,
     ) -> Result<(Samples, Ensemble)> {
@@ -120,15 +131,20 @@ impl Bench {
         let inputs = prior.parameters().len();
         let count = runs_an_input * inputs;
         let values = design::draw(&prior, &Effects::Switch, Method::Halton, count, seed, true)?;
+        let factor = factor(&self.world.path());
         let curves = values
             .par_iter()
-            .map(|values| {
+            .enumerate()
+            .map(|(run, values)| {
                 let mut full = Vec::new();
                 for parameter in self.prior.parameters() {
                     let place = prior.parameters().iter().position(|other| other.name == parameter.name);
                     full.push(place.map_or(parameter.off.unwrap_or(0.0), |place| values[place]));
                 }
-                self.simulate(&full)
+                let curves = self.simulate(&full)?;
+                let mut random = ChaCha8Rng::seed_from_u64(seed);
+                random.set_stream(run as u64);
+                Ok(if scatter { scattered(&curves, &factor, &mut random) } else { curves })
             })
             .collect::<Result<Vec<_>>>()?;
         let names = sample_names(self.name, 0, count)?;

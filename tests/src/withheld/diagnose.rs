@@ -5,16 +5,18 @@ use std::path::Path;
 
 use anyhow::Result;
 use gl::emulator::Emulator;
-use gl::gap::closure::Shrink;
-use gl::gap::diagnosis;
-use gl::gap::diagnosis::{emulate, shrink};
-use gl::gap::hypothesis::Candidate;
+use gl::gap::attribute::closure::Shrink;
+use gl::gap::attribute::diagnosis;
+use gl::gap::attribute::diagnosis::{emulate, shrink};
+use gl::gap::attribute::hypothesis::Candidate;
+use gl::gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
 use gl::table::{Table, TableWriter};
 use rayon::prelude::*;
 
 use super::bench::Bench;
+use super::generate::KINDS;
 
 /// Read `DIR/cases` and write `DIR/verdicts.tsv`. The emulator of a design is trained once for all
 /// cases with the same candidates.
@@ -40,24 +42,29 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
             finest.iter_mut().zip(noise).for_each(|(finest, sd)| *finest = finest.min(sd));
         }
     }
-    let mut emulators: BTreeMap<String, (Prior, Emulator)> = BTreeMap::new();
-    for row in 0..list.len() {
-        let without = list.field(row, 1);
-        if emulators.contains_key(without) {
+    // Cases with the same candidates of the simulation, and the same specimens, share a design.
+    let mut emulators: BTreeMap<(String, String), (Prior, Emulator)> = BTreeMap::new();
+    let design_of = |row: usize| (list.field(row, 1).to_owned(), list.field(row, 2).to_owned());
+    for design in (0..list.len()).map(design_of) {
+        if emulators.contains_key(&design) {
             continue;
         }
-        let left_out = (without != "-").then_some(without);
-        let (samples, ensemble) = bench.design(left_out, runs_an_input, seed)?;
-        let prior = bench.prior_without(left_out);
+        let left_out: Vec<&str> = design.0.split(',').collect();
+        let (samples, ensemble) = bench.design(&left_out, design.1 == "yes", runs_an_input, seed)?;
+        let prior = bench.prior_without(&left_out);
         let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), seed)?;
-        emulators.insert(without.to_owned(), (prior, emulator));
+        emulators.insert(design, (prior, emulator));
     }
     let verdicts = (0..list.len())
         .into_par_iter()
         .map(|row| {
-            let (prior, emulator) = &emulators[list.field(row, 1)];
+            let (prior, emulator) = &emulators[&design_of(row)];
             let observations = &measurements[row];
-            let candidates = prior.effects().into_iter().map(Candidate::Simulated).collect();
+            let simulated = prior.effects().into_iter().map(Candidate::Simulated);
+            let named = |name: &str| KINDS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind);
+            let kinds: Vec<Kind> = list.field(row, 3).split(',').filter_map(named).collect();
+            let measured = MeasurementEffect::all(&kinds, &observables).into_iter().map(Candidate::Measured);
+            let candidates = simulated.chain(measured).collect();
             let noise = observations.noise(&ByName::default())?;
             let problem = diagnosis::problem(emulator, prior, candidates, observations, noise, 1.0)?;
             let diagnosis = diagnosis::diagnose(&problem, 2, seed)?;
@@ -74,6 +81,7 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
         "probability",
         "unexplained",
         "nearest",
+        "confounded",
         "shrink",
         "shrink_low",
         "shrink_high",
@@ -87,7 +95,7 @@ pub fn diagnose(bench: &Bench, runs_an_input: usize, seed: u64, dir: &Path) -> R
             .text(list.field(row, 0))
             .text(&first.name)
             .numbers(&[first.probability, attribution.unexplained]);
-        table.text(&attribution.nearest);
+        table.text(&attribution.nearest).text(&first.confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =

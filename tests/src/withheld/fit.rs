@@ -11,6 +11,9 @@ pub struct Fit {
     pub values: Vec<f64>,
     /// Curves there, shape (observables, steps).
     pub curves: Vec<Vec<f64>>,
+    /// Derivatives of the readings by the fitted parameters over the noise, shape (observables · steps,
+    /// fitted parameters).
+    pub slopes: DMatrix<f64>,
     /// Root mean square over all readings of (target − curve) / noise.
     pub rms: f64,
 }
@@ -45,8 +48,8 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
         };
         let mut r = residual(&z)?;
         let mut damping = 1e-3;
+        let mut slopes = DMatrix::zeros(r.len(), free.len());
         'climb: for _ in 0..25 {
-            let mut slopes = DMatrix::zeros(r.len(), free.len());
             for k in 0..free.len() {
                 let mut moved = z.clone();
                 let step = if z[k] > 0.5 { -1e-5 } else { 1e-5 };
@@ -81,7 +84,7 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
         let rms = (r.norm_squared() / r.len() as f64).sqrt();
         if best.as_ref().is_none_or(|best| rms < best.rms) {
             let values = values(&z);
-            best = Some(Fit { curves: bench.simulate(&values)?, values, rms });
+            best = Some(Fit { curves: bench.simulate(&values)?, values, slopes, rms });
         }
     }
     best.context("no place to start from")

@@ -4,30 +4,89 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use gl::prior::normal_quantile;
+use gl::gap::attribute::measurement::{Kind, MeasurementEffect};
+use gl::gap::attribute::mode::standard_normal;
+use gl::gap::attribute::path;
+use gl::observations::range;
 use gl::table::TableWriter;
+use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::bench::Bench;
-use super::fit::fit;
+use super::fit::{Fit, fit};
+use super::specimen::{SCATTER, factor, scattered};
 
 /// Noise as a share of each observable's range: one of these a case.
 const NOISES: [f64; 4] = [0.005, 0.01, 0.02, 0.04];
 
+/// Sizes of effects of the measurement, as shares of the range: of a sensor, of the control.
+const OF_A_SENSOR: (f64, f64) = (0.01, 0.1);
+const OF_THE_CONTROL: (f64, f64) = (0.005, 0.05);
+
+/// Effects of the measurement that are candidates where any are.
+pub const KINDS: [(&str, Kind); 5] = [
+    ("offset", Kind::Offset),
+    ("gain", Kind::Gain),
+    ("drift", Kind::Drift),
+    ("compliance", Kind::Compliance),
+    ("lag", Kind::Lag),
+];
+
+/// What sets a group of cases apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    /// A deterministic simulation, and effects of the simulation as candidates.
+    Plain,
+    /// The same where every run, and the measurement, is of another specimen.
+    Scatter,
+    /// A deterministic simulation, and effects of the measurement as candidates, too.
+    Rig,
+}
+
+/// What is behind a measurement, drawn in turn.
+struct Kept {
+    family: Family,
+    /// Effects of the simulation.
+    simulated: usize,
+    /// Effects of the measurement.
+    measured: usize,
+    is_withheld: bool,
+}
+
+/// Twenty kinds in turn: 10 plain, 5 with scatter, 5 of the rig.
+fn kept(stream: u64) -> Kept {
+    use Family::{Plain, Rig, Scatter};
+    let (family, simulated, measured, is_withheld) = match stream % 20 {
+        0 | 10 => (Plain, 0, 0, false),
+        2 | 12 => (Plain, 2, 0, false),
+        4 | 14 => (Plain, 1, 0, true),
+        1 => (Scatter, 0, 0, false),
+        5 | 9 => (Scatter, 1, 0, false),
+        13 => (Scatter, 2, 0, false),
+        17 => (Scatter, 1, 0, true),
+        3 => (Rig, 0, 0, false),
+        7 | 11 | 15 => (Rig, 0, 1, false),
+        19 => (Rig, 1, 0, false),
+        _ => (Plain, 1, 0, false),
+    };
+    Kept { family, simulated, measured, is_withheld }
+}
+
 /// A measurement and what is behind it.
 struct Case {
+    family: Family,
     noisy: Vec<Vec<f64>>,
     noise: Vec<f64>,
-    /// Effects that are in, in the order of the prior.
+    /// Effects that are in, in the order of the candidates.
     effects: Vec<String>,
     /// The one of them that is no candidate.
     withheld: Option<String>,
-    /// What the base parameters cannot absorb, in noise.
+    /// What the base parameters cannot absorb, in noise and scatter.
     visibility: f64,
-    /// The least that the base and all other effects but one cannot absorb, in noise.
+    /// The least that the base and all other effects but one cannot absorb, in noise and scatter.
     least: f64,
     /// What recalibrating the world with its true effects closes.
     shrink: f64,
@@ -45,18 +104,25 @@ pub fn generate(bench: &Bench, count: usize, seed: u64, dir: &Path) -> Result<()
     }
     let drawn: Vec<Case> =
         (0..count).into_par_iter().map(|i| draw(bench, seed, i as u64)).collect::<Result<_>>()?;
-    let columns = ["case", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
+    let columns =
+        ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
     // What is no candidate is missing from the user's table of parameters, and that is all one sees.
-    let mut list = TableWriter::create(Some(&cases.join("cases.tsv")), &["case", "without"])?;
+    let columns = ["case", "without", "scatter", "measurement"];
+    let mut list = TableWriter::create(Some(&cases.join("cases.tsv")), &columns)?;
     for (i, case) in drawn.iter().enumerate() {
         let name = format!("case{i:04}");
         let values: Vec<String> = case.values.iter().map(f64::to_string).collect();
         let effects = if case.effects.is_empty() { "none".to_owned() } else { case.effects.join("+") };
-        answers.text(&name).text(&effects).text(case.withheld.as_deref().unwrap_or("-"));
+        let withheld = case.withheld.as_deref().unwrap_or("-");
+        answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);
         answers.numbers(&[case.visibility, case.least, case.shrink, case.noise[0]]);
         answers.text(&values.join(",")).end_row()?;
-        list.text(&name).text(case.withheld.as_deref().unwrap_or("-")).end_row()?;
+        let is_of_rig = case.family == Family::Rig;
+        let without = if is_of_rig { bench.of_the_rig.join(",") } else { withheld.to_owned() };
+        let kinds = if is_of_rig { KINDS.map(|(name, _)| name).join(",") } else { "-".to_owned() };
+        list.text(&name).text(&without).text(if case.family == Family::Scatter { "yes" } else { "no" });
+        list.text(&kinds).end_row()?;
         let mut columns = vec![bench.world.control().to_owned()];
         columns.extend(bench.world.observables().iter().map(|name| (*name).to_owned()));
         columns.extend(bench.world.observables().iter().map(|name| format!("{name}_sd")));
@@ -77,29 +143,34 @@ pub fn generate(bench: &Bench, count: usize, seed: u64, dir: &Path) -> Result<()
 fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(stream + 1);
+    let Kept { family, simulated, measured, is_withheld } = kept(stream);
     let parameters = bench.prior.parameters();
-    let effects = bench.prior.effects();
-    // Ten kinds in turn: 2 none, 4 one, 2 two, 2 one that is no candidate.
-    let (count, is_withheld) = match stream % 10 {
-        0 | 5 => (0, false),
-        2 | 7 => (2, false),
-        4 | 9 => (1, true),
-        _ => (1, false),
-    };
-    let mut chosen = sample(&mut random, effects.len(), count).into_vec();
+    let mut effects = bench.prior.effects();
+    if family == Family::Rig {
+        effects.retain(|effect| !bench.of_the_rig.contains(&effect.name.as_str()));
+    }
+    let mut chosen = sample(&mut random, effects.len(), simulated).into_vec();
     chosen.sort_unstable();
     let mut values: Vec<f64> = parameters.iter().map(|p| p.off.unwrap_or(p.lower)).collect();
     let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
     for j in bench.prior.base().into_iter().chain(on) {
         values[j] = parameters[j].quantile(random.random());
     }
-    let truth = bench.simulate(&values)?;
+    let simulated = bench.simulate(&values)?;
+    let faults = Faults::draw(bench, &simulated, measured, &mut random);
+    let truth = faults.applied(bench, &simulated);
     let share = NOISES[random.random_range(0..NOISES.len())];
-    let noise: Vec<f64> = truth.iter().map(|curve| share * gl::observations::range(curve)).collect();
-    let mut noisy = truth.clone();
+    let noise: Vec<f64> = truth.iter().map(|curve| share * range(curve)).collect();
+    let factor = if family == Family::Scatter {
+        factor(&bench.world.path())
+    } else {
+        DMatrix::zeros(truth[0].len(), 0)
+    };
+    let mut noisy =
+        if family == Family::Scatter { scattered(&truth, &factor, &mut random) } else { truth.clone() };
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
         for y in curve {
-            *y += sd * normal_quantile(random.random_range(1e-12..1.0));
+            *y += sd * standard_normal(&mut random);
         }
     }
     let without = |left_out: &[usize]| {
@@ -116,37 +187,111 @@ fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
         }
         (start, free)
     };
+    // Noise and scatter together, as the unit of what is visible.
+    let scatter = if family == Family::Scatter { SCATTER } else { 0.0 };
+    let spread: Vec<f64> = noise.iter().map(|sd| sd * scatter.hypot(share) / share).collect();
     let visibility = |left_out: &[usize]| -> Result<f64> {
         let (start, free) = without(left_out);
-        Ok(fit(bench, &start, &free, &truth, &noise)?.rms)
+        Ok(fit(bench, &start, &free, &truth, &spread)?.rms)
     };
     let (start, free) = without(&chosen);
     let before = fit(bench, &start, &free, &noisy, &noise)?;
-    let after = fit(bench, &values, &without(&[]).1, &noisy, &noise)?;
-    let gap = |curves: &[Vec<f64>]| {
-        let mut sum = 0.0;
-        for (curve, seen) in curves.iter().zip(&noisy) {
-            let range = gl::observations::range(seen);
-            sum += curve.iter().zip(seen).map(|(y, o)| ((o - y) / range).powi(2)).sum::<f64>();
-        }
-        sum / (noisy.len() * noisy[0].len()) as f64
-    };
-    let floor =
-        noisy.iter().zip(&noise).map(|(seen, sd)| (sd / gl::observations::range(seen)).powi(2)).sum::<f64>()
-            / noisy.len() as f64;
-    let above = |curves: &[Vec<f64>]| (gap(curves) - floor).max(0.0);
-    let shrink =
-        if above(&before.curves) > 0.0 { 1.0 - above(&after.curves) / above(&before.curves) } else { 0.0 };
+    // What the measurement does is put right before the world is calibrated again.
+    let right = faults.taken_out(bench, &noisy, &simulated);
+    let after = fit(bench, &values, &without(&[]).1, &right, &noise)?;
+    let floor = floor(&after, &noise, &noisy, &factor)?;
+    let above = |curves: &[Vec<f64>], seen: &[Vec<f64>]| (gap(curves, seen, &noisy) - floor).max(0.0);
+    let (gap_before, gap_after) = (above(&before.curves, &noisy), above(&after.curves, &right));
     let seen = visibility(&chosen)?;
     let least = chosen.iter().map(|&e| visibility(&[e])).collect::<Result<Vec<_>>>()?;
+    let names = chosen.iter().map(|&e| effects[e].name.clone());
     Ok(Case {
-        noisy,
+        family,
         noise,
-        effects: chosen.iter().map(|&e| effects[e].name.clone()).collect(),
+        effects: names.chain(faults.list.iter().map(|(fault, _)| fault.name.clone())).collect(),
         withheld: is_withheld.then(|| effects[chosen[0]].name.clone()),
         visibility: seen,
         least: least.into_iter().fold(f64::INFINITY, f64::min).min(1e9),
-        shrink,
+        shrink: if gap_before > 0.0 { 1.0 - gap_after / gap_before } else { 0.0 },
         values,
+        noisy,
     })
+}
+
+/// Mean square of (measured − curve) / range of the noisy measurement.
+fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>]) -> f64 {
+    let square = |((curve, seen), noisy): ((&Vec<f64>, &Vec<f64>), &Vec<f64>)| {
+        let range = range(noisy);
+        curve.iter().zip(seen).map(|(y, o)| ((o - y) / range).powi(2)).sum::<f64>() / seen.len() as f64
+    };
+    curves.iter().zip(seen).zip(noisy).map(square).sum::<f64>() / seen.len() as f64
+}
+
+/// The mean square that noise and scatter alone leave of a gap, once a fit has followed them as far as it
+/// can.
+fn floor(after: &Fit, noise: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) -> Result<f64> {
+    let steps = noisy[0].len();
+    let slopes = &after.slopes;
+    let information = slopes.tr_mul(slopes) + DMatrix::identity(slopes.ncols(), slopes.ncols()) * 1e-9;
+    let hat = slopes
+        * Cholesky::new(information).context("a curve that nothing changes")?.solve(&slopes.transpose());
+    let readings = hat.nrows();
+    let left = DMatrix::identity(readings, readings) - hat;
+    // Scatter in units of the noise; that two observables share some of it changes little.
+    let mut errors = DMatrix::identity(readings, readings + factor.ncols() * noisy.len());
+    for (j, curve) in noisy.iter().enumerate() {
+        let unit = range(curve) / noise[j];
+        errors
+            .view_mut((j * steps, readings + j * factor.ncols()), (steps, factor.ncols()))
+            .copy_from(&(factor * unit));
+    }
+    let left = left * errors;
+    let row = |i: usize| left.row(i).norm_squared() * (noise[i / steps] / range(&noisy[i / steps])).powi(2);
+    Ok((0..left.nrows()).map(row).sum::<f64>() / left.nrows() as f64)
+}
+
+/// What is wrong with a measurement.
+struct Faults {
+    list: Vec<(MeasurementEffect, f64)>,
+    ranges: Vec<f64>,
+}
+
+impl Faults {
+    fn draw(bench: &Bench, curves: &[Vec<f64>], count: usize, random: &mut ChaCha8Rng) -> Self {
+        let names: Vec<String> = bench.world.observables().iter().map(|&name| name.to_owned()).collect();
+        let mut list = Vec::new();
+        for _ in 0..count {
+            // A kind first, so that those of the control are as frequent as those of a sensor.
+            let kind = KINDS[random.random_range(0..KINDS.len())].1;
+            let all = MeasurementEffect::all(&[kind], &names);
+            let effect = all[random.random_range(0..all.len())].clone();
+            let of_control = matches!(kind, Kind::Compliance | Kind::Lag);
+            let (least, most) = if of_control { OF_THE_CONTROL } else { OF_A_SENSOR };
+            let size = random.random_range(least..most);
+            let sign = if of_control || random.random() { 1.0 } else { -1.0 };
+            list.push((effect, sign * size));
+        }
+        Self { list, ranges: curves.iter().map(|curve| range(curve)).collect() }
+    }
+
+    fn applied(&self, bench: &Bench, curves: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut flat = curves.concat();
+        let path = path::Path::new(&bench.world.path());
+        for (effect, size) in &self.list {
+            effect.apply(*size, &path, &self.ranges, &mut flat);
+        }
+        flat.chunks_exact(curves[0].len()).map(<[f64]>::to_vec).collect()
+    }
+
+    /// A measurement without what is wrong with it, by the curves that it was made of.
+    fn taken_out(&self, bench: &Bench, noisy: &[Vec<f64>], simulated: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let wrong = self.applied(bench, simulated);
+        let mut right = noisy.to_vec();
+        for ((right, wrong), simulated) in right.iter_mut().zip(&wrong).zip(simulated) {
+            for ((y, wrong), simulated) in right.iter_mut().zip(wrong).zip(simulated) {
+                *y -= wrong - simulated;
+            }
+        }
+        right
+    }
 }

@@ -10,6 +10,8 @@ use gl::table::Table;
 pub struct Scored {
     /// The case.
     pub case: String,
+    /// What sets its group apart.
+    pub family: String,
     /// What is behind it: `none` or effects joined by `+`.
     pub truth: String,
     /// Whether that is no candidate.
@@ -22,6 +24,8 @@ pub struct Scored {
     pub first: String,
     /// Its probability.
     pub probability: f64,
+    /// Hypotheses that it is said to be confounded with.
+    pub confounded: Vec<String>,
     /// Predicted shrink of the gap, 5 and 95 %, if the first row is an effect.
     pub predicted: (f64, f64),
     /// Measured shrink, by recalibrating the world with what is behind the measurement.
@@ -39,6 +43,11 @@ impl Scored {
     /// Whether it does.
     pub fn is_right(&self) -> bool {
         self.first == self.right()
+    }
+
+    /// Whether what should come first is said to be confounded with what does.
+    pub fn is_near(&self) -> bool {
+        !self.is_right() && self.confounded.iter().any(|name| name == self.right())
     }
 
     /// Whether an effect is named that is not at work.
@@ -67,12 +76,14 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
         ensure!(text(&answers, "case")? == text(&verdicts, "case")?, "row {row}: not the same case");
         scored.push(Scored {
             case: text(&answers, "case")?,
+            family: text(&answers, "family")?,
             truth: text(&answers, "effects")?,
             withheld: text(&answers, "withheld")? != "-",
             visibility: number(&answers, "visibility")?,
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,
+            confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
             shrink: number(&answers, "shrink")?,
             effects: text(&verdicts, "effects")?
@@ -152,8 +163,8 @@ pub fn calibration_error(statements: &[Statement]) -> f64 {
 }
 
 /// How often the predicted interval of the shrink holds, where the right effects come first.
-pub fn shrink_coverage(cases: &[Scored]) -> Share {
-    let named = cases.iter().filter(|case| case.is_right() && !case.withheld && case.truth != "none");
+pub fn shrink_coverage<'a>(cases: impl Iterator<Item = &'a Scored>) -> Share {
+    let named = cases.filter(|case| case.is_right() && !case.withheld && case.truth != "none");
     // To the digits of a report: an interval may end at 1 exactly.
     Share::count(named, |case| {
         case.predicted.0 - 1e-3 <= case.shrink && case.shrink <= case.predicted.1 + 1e-3

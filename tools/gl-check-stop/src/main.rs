@@ -17,13 +17,13 @@ use gl::table::TableWriter;
 #[command(name = "gl-check-stop", version, after_help = EXAMPLE)]
 struct Args {
     /// Stop when sigma is at most this
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = gl::cli::not_negative)]
     sigma_tol: Option<f64>,
     /// Stop when the mean error of the weighted runs is at most this share of the range
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = gl::cli::not_negative)]
     ensemble_error_tol: Option<f64>,
     /// Stop when the error of the best run is at most this share of the range
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = gl::cli::not_negative)]
     error_tol: Option<f64>,
     /// Stop after so many iterations
     #[arg(long, value_name = "N")]

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use gl::cli::note;
+use gl::cli::{not_negative, note};
 use gl::collect::{Collection, Failure};
 use gl::ensemble::Ensemble;
 use gl::observations::Observations;
@@ -36,13 +36,13 @@ struct Args {
     #[arg(long, value_name = "FILE")]
     status: Option<PathBuf>,
     /// Share of the runs that may have failed
-    #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = not_negative)]
     max_failed: f64,
     /// Relative difference up to which a run's parameters are the table's
-    #[arg(long, value_name = "R", default_value_t = 1e-5)]
+    #[arg(long, value_name = "R", default_value_t = 1e-5, value_parser = not_negative)]
     rtol: f64,
     /// Share of the control's range by which a run may fall short of the measurement
-    #[arg(long, value_name = "SHARE", default_value_t = 0.01)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = not_negative)]
     end_tolerance: f64,
     /// Where the ensemble goes; stdout when absent
     #[arg(short, long, value_name = "FILE")]
@@ -144,8 +144,9 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
     let Some((name, failure)) = failures.next() else { return Ok(()) };
     let failed = 1 + failures.count();
     note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
+    ensure!(failed < total, "all {total} runs failed; --status FILE lists the reason of each");
     ensure!(
-        failed < total && failed as f64 <= args.max_failed * total as f64,
+        failed as f64 <= args.max_failed * total as f64,
         "{failed} of {total} runs failed, more than --max-failed {} allows; \
          --status FILE lists the reason of each",
         args.max_failed

@@ -10,7 +10,8 @@ use world_shell::{FAILED_RUNS, Shell};
 const EXAMPLES: &str = "\
 Examples:
   printf 'description key E_m nu\\ntrial 0 9.3 0.2\\n' | gl-contact -s - runs
-  gl-contact --curve E_m=9.3,nu=0.2,w=1 --noise f=0.005,t=0.002 --seed 1 -o obs.txt
+  gl-contact --curve E_m=9.3,nu=0.2,w=1 --noise f=0.005,t=0.002 --seed 1 \\
+    -o obs.txt
   gl-contact --inputs";
 
 /// Simulate two spheres in contact, at every sample of a table: Hertz's and Mindlin's laws with

@@ -60,7 +60,8 @@ Example: twelve runs of f = a u, and what a thirteenth would give
     printf 'name lower upper\\na 0 1\\n' > params.txt
     gl-sample -p params.txt -n 12 -o samples.txt
     awk 'BEGIN { print \"sample step u f\" }
-         NR > 1 { for (u = 0; u < 5; u++) print $1, u, u, $3 * u }' samples.txt > ensemble.txt
+         NR > 1 { for (u = 0; u < 5; u++) print $1, u, u, $3 * u }' \\
+        samples.txt > ensemble.txt
     printf 'description a\\nnew 0.5\\n' > new.txt
     gl-emulate -p params.txt -s samples.txt --at new.txt ensemble.txt
     gl-emulate -p params.txt -s samples.txt --check ensemble.txt

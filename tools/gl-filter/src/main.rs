@@ -1,5 +1,7 @@
 //! Weigh the runs by sequential Monte Carlo.
 
+mod course;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -7,15 +9,15 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl::cli::note;
-use gl::filter::{Noise, Runs, Target, Weighting, weigh};
+use gl::filter::{Noise, Runs, Target, weigh, weigh_emulated};
 use gl::misfit::Misfits;
 use gl::prior::{Parameter, Prior};
 use gl::proposal::{Proposal, ln_balance_heuristic};
 use gl::samples::Samples;
-use gl::statistics::{ess_fraction, mean, sd};
 use gl::summary::{Evidence, Summary};
-use gl::table::TableWriter;
 use gl::weights::Weights;
+
+use course::Course;
 
 /// Weigh the runs by sequential Monte Carlo
 ///
@@ -38,20 +40,23 @@ struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.3, conflicts_with = "sigma")]
     ess: f64,
     /// Effective sample size to reach, as a number of runs; nine in ten runs at the most
-    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"])]
+    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"], value_parser = gl::cli::not_negative)]
     ess_runs: Option<f64>,
     /// Weigh at this sigma; noise is the posterior itself
     #[arg(long, value_name = "S|noise")]
     sigma: Option<Sigma>,
-    /// Never go below this sigma
+    /// Never go below this sigma; noise takes what an emulator does not know into account
     #[arg(long, value_name = "S|noise", conflicts_with = "sigma")]
     sigma_min: Option<Sigma>,
     /// Sigma below which gl-check-stop is to stop; put into the summary
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = gl::cli::not_negative)]
     sigma_tol: Option<f64>,
     /// Where the course of the filter goes: step sigma ess mean(NAME)… cv(NAME)…
     #[arg(long, value_name = "FILE")]
     history: Option<PathBuf>,
+    /// Where the weights at six steps go, each from the readings up to it: sample step NAME… weight
+    #[arg(long, value_name = "FILE")]
+    step_weights: Option<PathBuf>,
     /// Where the summary goes: quantity value
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
@@ -64,7 +69,8 @@ struct Args {
 }
 
 const EXAMPLE: &str = "Example:
-  gl-filter -s samples.txt --ess 0.3 --summary summary.txt misfit.txt -o weights.txt";
+  gl-filter -s samples.txt --ess 0.3 --summary summary.txt misfit.txt \\
+    -o weights.txt";
 
 #[derive(Clone, Copy)]
 struct Sigma(Target);
@@ -86,7 +92,7 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;
-    let misfits = Misfits::read(&args.misfits, args.history.is_some())?;
+    let misfits = Misfits::read(&args.misfits, args.history.is_some() || args.step_weights.is_some())?;
     ensure!(!misfits.is_empty(), "{}: no runs to weigh", misfits.source);
 
     let places = places(&samples, &misfits)?;
@@ -99,7 +105,14 @@ fn run(args: &Args) -> Result<()> {
     let noise = noise(&runs, &misfits, &values);
     let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
     let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
-    let weighting = weigh(&runs, target, args.sigma_min.map(|sigma| sigma.0), noise)?;
+    let floor = args.sigma_min.map(|sigma| sigma.0);
+    let is_emulated = misfits.ignorance.iter().any(|ignorance| *ignorance > 0.0);
+    let weighting = match (floor, noise) {
+        (Some(Target::Noise), Noise::Known) if is_emulated => {
+            weigh_emulated(&runs, target, &misfits.ignorance)?
+        }
+        _ => weigh(&runs, target, floor, noise)?,
+    };
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
     let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
     let evidence = Evidence {
@@ -124,8 +137,19 @@ fn run(args: &Args) -> Result<()> {
     }
     warn(&summary)?;
 
+    let course = Course {
+        misfits: &misfits,
+        runs: &runs,
+        last: &weighting,
+        noise,
+        parameters: &samples.parameters,
+        values: &values,
+    };
     if let Some(path) = &args.history {
-        write_history(path, &misfits, &runs, &weighting, noise, &samples.parameters, &values)?;
+        course.write_history(path)?;
+    }
+    if let Some(path) = &args.step_weights {
+        course.write_weights(path)?;
     }
     if let Some(path) = &args.summary {
         summary.write(Some(path))?;
@@ -213,39 +237,6 @@ fn warn(summary: &Summary) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// The weights as they come about: σ as at the end, with more and more of the steps.
-fn write_history(
-    path: &Path,
-    misfits: &Misfits,
-    runs: &Runs,
-    last: &Weighting,
-    noise: Noise,
-    parameters: &[String],
-    values: &[Vec<f64>],
-) -> Result<()> {
-    let mut columns = vec!["step".to_owned(), "sigma".to_owned(), "ess".to_owned()];
-    columns.extend(parameters.iter().map(|name| format!("mean({name})")));
-    columns.extend(parameters.iter().map(|name| format!("cv({name})")));
-    let mut table = TableWriter::create(Some(path), &columns)?;
-    for (place, &step) in misfits.steps.iter().enumerate() {
-        let runs = Runs::new(misfits.total_up_to(place)?, runs.ln_proposal.clone())?;
-        let weighting = if last.is_noise {
-            noise.share((place + 1) as f64 / misfits.steps.len() as f64).posterior(&runs)?
-        } else {
-            runs.at_sigma(last.sigma)?
-        };
-        let weights = weighting.weights()?;
-        let column = |j: usize| values.iter().map(|row| row[j]).collect::<Vec<f64>>();
-        let means: Vec<f64> = (0..parameters.len()).map(|j| mean(&column(j), &weights)).collect();
-        let cvs: Vec<f64> = (0..parameters.len()).map(|j| sd(&column(j), &weights) / means[j]).collect();
-        table.number(step as f64).number(last.sigma).number(ess_fraction(&weighting.ln_weight)?);
-        table.numbers(&means);
-        table.numbers(&cvs.iter().map(|cv| if cv.is_finite() { *cv } else { 0.0 }).collect::<Vec<_>>());
-        table.end_row()?;
-    }
-    table.finish()
 }
 
 fn main() -> ExitCode {

@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl::ensemble::Ensemble;
-use gl::gap::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
-use gl::gap::measurement::Kind;
-use gl::gap::problem::Problem;
-use gl::gap::self_check::{Design, self_check, summary};
-use gl::gap::verdict::verdict;
+use gl::gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl::gap::attribute::marginals::{Marginal, marginals};
+use gl::gap::attribute::measurement::Kind;
+use gl::gap::attribute::problem::Problem;
+use gl::gap::attribute::self_check::{Design, self_check, summary};
+use gl::gap::attribute::verdict::verdict;
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
 use gl::samples::Samples;
@@ -59,6 +60,10 @@ struct Args {
     /// hypothesis, shrink, shrink_low, shrink_high
     #[arg(long, value_name = "FILE")]
     predict_shrink: Option<PathBuf>,
+    /// Also write what each hypothesis that is not out of the question says of the parameters:
+    /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
+    #[arg(long, value_name = "FILE")]
+    posterior_out: Option<PathBuf>,
     /// Call N runs of the design the measurement in turn, and say how often what is in them is found
     #[arg(long, value_name = "N")]
     self_check: Option<usize>,
@@ -75,13 +80,17 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (a line with a bend that the base model lacks):
-  printf 'name lower upper effect off\\na 0 2 - -\\nbend 0.1 2 bending 0\\n' > params.txt
+  printf 'name lower upper effect off\\na 0 2 - -\\n' > params.txt
+  printf 'bend 0.1 2 bending 0\\n' >> params.txt
   gl-sample -p params.txt -n 60 --effects switch -o samples.txt
   awk 'BEGIN { print \"sample step x y\" }
-    NR > 1 { for (i = 0; i < 20; i++) print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv
+    NR > 1 { for (i = 0; i < 20; i++)
+      print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv
   awk 'BEGIN { print \"x y\"
-    for (i = 0; i < 20; i++) print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' > obs.txt
-  gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.1 runs.tsv";
+    for (i = 0; i < 20; i++)
+      print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' > obs.txt
+  gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y \\
+    --noise y=0.1 runs.tsv";
 
 /// Hypotheses less probable than this are not worth a prediction.
 const LIKELY: f64 = 0.01;
@@ -115,6 +124,9 @@ fn run(args: &Args) -> Result<()> {
     }
     if let Some(path) = &args.predict_shrink {
         write_shrink(path, &problem, &diagnosis, args.seed)?;
+    }
+    if let Some(path) = &args.posterior_out {
+        write_posteriors(path, &problem, &diagnosis)?;
     }
     for line in verdict(&problem, &diagnosis, args.seed)? {
         note(line);
@@ -167,6 +179,17 @@ fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed:
     for of in explanations.iter().filter(|of| of.probability >= LIKELY && !of.hypothesis.is_empty()) {
         let shrink = diagnosis::shrink(problem, explanations, of, seed)?;
         table.text(&of.name).numbers(&[shrink.median, shrink.low, shrink.high]).end_row()?;
+    }
+    table.finish()
+}
+
+fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let columns = ["hypothesis", "parameter", "mean", "sd", "q05", "q95", "lean"];
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    for of in diagnosis.attribution.explanations.iter().filter(|of| !of.is_hopeless) {
+        for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
+            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, f64::from(lean)]).end_row()?;
+        }
     }
     table.finish()
 }

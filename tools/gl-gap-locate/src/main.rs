@@ -47,8 +47,10 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (the measurement rises by 1 halfway, the one run does not):
-  awk 'BEGIN { print \"e q\"; for (i = 0; i < 40; i++) print i, (i > 19) + 0.1 * sin(i * i) }' > obs.txt
-  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > runs.tsv
+  awk 'BEGIN { print \"e q\"
+    for (i = 0; i < 40; i++) print i, (i > 19) + 0.1 * sin(i * i) }' > obs.txt
+  awk 'BEGIN { print \"sample step e q\"
+    for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > runs.tsv
   printf 'sample weight\\na 1\\n' > weights.tsv
   gl-gap-locate -b obs.txt -c e -v q -w weights.tsv --noise q=0.1 runs.tsv";
 

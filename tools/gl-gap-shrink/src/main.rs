@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, Error, Result};
+use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
 use gl::ensemble::Ensemble;
 use gl::gap::shrink::{Calibrated, Shrink, shrink, verdict};
@@ -30,17 +30,24 @@ struct Args {
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
     observables: Vec<String>,
     /// Runs without the effect, and their weights
-    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     before: Tables,
     /// Runs with the effect, and their weights
-    #[arg(long, value_name = "ENSEMBLE,WEIGHTS")]
+    #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     after: Tables,
     /// Steps that calibration did not see, from A up to but not including B; without it all, which it did
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
+    /// Steps that calibration did see, as gl-likelihood --steps was told: the gap is measured on all others
+    #[arg(long, value_name = "A:B", conflicts_with = "steps")]
+    calibrated: Option<Steps>,
     /// Standard deviation of the noise, as f=0.02; by default the measurement's `_sd` columns, or estimated
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
+    /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
+    /// many more grains
+    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
+    scatter: f64,
     /// Seed of the interval's replicates; the same seed gives the same interval on every machine
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -51,11 +58,15 @@ struct Args {
 
 const EXAMPLE: &str = "\
 Example (the measurement is a wave; the run before is flat, the one after has half of it):
-  awk 'BEGIN { print \"e q\"; for (i = 0; i < 40; i++) print i, sin(i / 4) }' > obs.txt
-  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > before.tsv
-  awk 'BEGIN { print \"sample step e q\"; for (i = 0; i < 40; i++) print \"a\", i, i, sin(i / 4) / 2 }' > after.tsv
+  awk 'BEGIN { print \"e q\"
+    for (i = 0; i < 40; i++) print i, sin(i / 4) }' > obs.txt
+  awk 'BEGIN { print \"sample step e q\"
+    for (i = 0; i < 40; i++) print \"a\", i, i, 0 }' > before.tsv
+  awk 'BEGIN { print \"sample step e q\"
+    for (i = 0; i < 40; i++) print \"a\", i, i, sin(i / 4) / 2 }' > after.tsv
   printf 'sample weight\\na 1\\n' > weights.tsv
-  gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
+  gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 \\
+    --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
 
 /// The two tables of a calibration.
 #[derive(Clone, Debug)]
@@ -84,15 +95,27 @@ impl Tables {
 fn run(args: &Args) -> Result<()> {
     let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
     let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
-    let steps = args.steps.map(|steps| steps.within(observations.steps())).transpose()?;
+    let unseen = unseen(args, observations.steps())?;
     let before = args.before.read(&args.control, &args.observables)?;
     let after = args.after.read(&args.control, &args.observables)?;
-    let shrinks = shrink(&observations, &before, &after, steps, noise.as_deref(), args.seed)?;
+    let shrinks = shrink(&observations, &before, &after, unseen, noise.as_deref(), args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &args.observables)?;
     if let Some(all) = shrinks.last() {
         gl::cli::note("gl-gap-shrink", verdict(all));
     }
     Ok(())
+}
+
+fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {
+    let Some(seen) = args.calibrated else {
+        return Ok(args.steps.map(|unseen| unseen.within(steps)).transpose()?.map(Iterator::collect));
+    };
+    let unseen: Vec<usize> = (0..steps).filter(|&step| !seen.contains(step)).collect();
+    ensure!(
+        !unseen.is_empty(),
+        "--calibrated: the measurement has {steps} steps, and calibration saw them all"
+    );
+    Ok(Some(unseen))
 }
 
 fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Result<()> {

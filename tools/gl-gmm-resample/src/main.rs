@@ -1,5 +1,6 @@
 //! Draw the next samples where the weight lies.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -38,7 +39,7 @@ struct Args {
     #[arg(long, value_enum, default_value = "slice")]
     sampling: SamplingName,
     /// How far below the mean score a slice reaches, in standard deviations of the scores
-    #[arg(long, value_name = "D", default_value_t = 3.0)]
+    #[arg(long, value_name = "D", default_value_t = 3.0, value_parser = gl::cli::not_negative)]
     deviation: f64,
     /// Seed; the same seed gives the same samples on every machine
     #[arg(long, default_value_t = 0)]
@@ -51,7 +52,7 @@ struct Args {
     iteration: usize,
     /// Threads a run, written as !OMP_NUM_THREADS for yade-batch
     #[arg(long, value_name = "T")]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Where the density that they were drawn from goes, for gl-filter --proposal
     #[arg(long, value_name = "FILE")]
     proposal_out: Option<PathBuf>,
@@ -112,7 +113,7 @@ fn run(args: &Args) -> Result<()> {
         resampled.proposal.write(path)?;
     }
     Samples { source: "samples".to_owned(), names, parameters: prior.names(), values: resampled.values }
-        .write(args.output.as_deref(), args.threads)
+        .write(args.output.as_deref(), args.threads.map(NonZeroUsize::get))
 }
 
 /// As many components as the runs that hold the weight can show: three times d + 1 for each, with d

@@ -126,7 +126,13 @@ impl Axis {
             }
             last = Some(axis);
         }
-        last.unwrap_or_else(|| Self::with_ticks(span, label, 2))
+        let mut axis = last.unwrap_or_else(|| Self::with_ticks(span, label, 2));
+        while axis.ticks.len() > 2 && !fits(&axis) {
+            let every_second = axis.ticks.iter().skip(1).step_by(2);
+            axis.minor.extend(every_second.map(|(value, _)| *value));
+            axis.ticks = axis.ticks.into_iter().step_by(2).collect();
+        }
+        axis
     }
 
     /// An axis up the side, `length` points high.
@@ -137,7 +143,8 @@ impl Axis {
     /// An axis along the bottom that counts: marks at whole numbers only.
     pub fn counting(span: Span, label: Label, length: f64) -> Self {
         let whole = Span { low: span.low.ceil(), high: span.high.floor(), ..span };
-        if whole.high - whole.low > length / 9.0 - 1.0 {
+        let widest = font::width(&whole.high.to_string(), SMALL) + 4.0;
+        if (whole.high - whole.low + 1.0) * widest > length {
             return Self::horizontal(span, label, length);
         }
         let ticks = (whole.low as i64..=whole.high as i64).map(|i| (i as f64, i.to_string()));

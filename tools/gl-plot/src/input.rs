@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Result, ensure};
 use gl::observations::ByName;
 use gl::prior::{Parameter, Prior, Scale};
+use gl::statistics::Quantiles;
 use gl::weights::Weights;
 
 use crate::axis::{Label, Span};
@@ -14,7 +15,19 @@ use crate::axis::{Label, Span};
 /// # Errors
 /// If it cannot be read, or has no parameters.
 pub fn read_weights(path: &Path) -> Result<Weights> {
-    let weights = Weights::read(path)?;
+    with_parameters(Weights::read(path)?)
+}
+
+/// The same at every step that the table has, with these steps.
+///
+/// # Errors
+/// See [`read_weights`].
+pub fn read_step_weights(path: &Path) -> Result<Vec<(Option<f64>, Weights)>> {
+    let steps = Weights::read_steps(path)?;
+    steps.into_iter().map(|(step, weights)| Ok((step, with_parameters(weights)?))).collect()
+}
+
+fn with_parameters(weights: Weights) -> Result<Weights> {
     ensure!(
         !weights.parameters.is_empty(),
         "{}:1: no parameters; a column for each is needed beside sample and weight",
@@ -69,12 +82,12 @@ impl Parameters {
         Label { name: name.to_owned(), unit: self.get(name).and_then(|parameter| parameter.unit.clone()) }
     }
 
-    /// Where samples of this parameter can be: between its bounds, or anywhere on the axis where
-    /// there are none or some values lie beyond them.
+    /// Where samples of this parameter can be, as far as the axis shows it: between its bounds, or
+    /// anywhere where there are none or some values lie beyond them.
     pub fn support(&self, name: &str, span: Span, values: &[f64]) -> Span {
         match self.get(name) {
             Some(known) if values.iter().all(|value| (known.lower..=known.upper).contains(value)) => {
-                Span { low: known.lower, high: known.upper, ..span }
+                Span { low: known.lower.max(span.low), high: known.upper.min(span.high), ..span }
             }
             _ => span,
         }
@@ -92,6 +105,28 @@ impl Parameters {
         }
         .padded(0.04)
     }
+}
+
+impl Parameters {
+    /// What an axis of this parameter has to show of a posterior seen closely: nearly all of its weight.
+    pub fn close_span(&self, name: &str, values: &[f64], weights: &[f64]) -> Span {
+        let quantiles = Quantiles::new(values, weights);
+        let span = Span::of([quantiles.at(0.002), quantiles.at(0.998)]);
+        let is_log = self.get(name).is_some_and(|parameter| parameter.scale == Scale::Log);
+        if is_log { span.logarithmic() } else { span }.padded(0.25)
+    }
+}
+
+/// Place of a value within a support, if it is there.
+pub fn place_within(support: Span, value: f64) -> Option<f64> {
+    let place = support.place(value);
+    // Bounds are met up to rounding only.
+    (-1e-9..=1.0 + 1e-9).contains(&place).then(|| place.clamp(0.0, 1.0))
+}
+
+/// Places and weights of the samples within a support.
+pub fn within(support: Span, values: &[f64], weights: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    values.iter().zip(weights).filter_map(|(&x, &weight)| Some((place_within(support, x)?, weight))).unzip()
 }
 
 /// The truth where a picture can show it; every name must be a parameter.

@@ -12,7 +12,7 @@ use crate::Style;
 use crate::axis::Span;
 use crate::contour;
 use crate::figure::{Figure, Key, star_paint};
-use crate::input::{Parameters, check_truth, column, read_weights, stem};
+use crate::input::{Parameters, check_truth, column, place_within, read_weights, stem, within};
 use crate::matrix;
 use crate::panel::Dot;
 use crate::scene::{Color, Paint, Scene, color, star};
@@ -33,6 +33,9 @@ pub struct Pairs {
     /// True values where they are known, as in a=0.2,b=5
     #[arg(long, value_name = "NAME=VALUE,…")]
     truth: Option<ByName>,
+    /// Axes as wide as the posterior, not as the bounds
+    #[arg(long)]
+    close_up: bool,
 }
 
 const EXAMPLE: &str = "\
@@ -44,6 +47,8 @@ Example:
     --truth E=2e9,mu=.4 -o pairs.svg";
 
 const CELLS: usize = 48;
+/// Iterations that the legend names; more only blur together.
+const MOST_NAMED: usize = 6;
 const CELLS_OF_ONE: usize = 120;
 /// Dots of all panels together, and of one.
 const MOST_DOTS: usize = 12_000;
@@ -89,23 +94,46 @@ impl Pairs {
                 let clouds = clouds.iter().flat_map(|cloud| cloud.values[j].iter().copied());
                 let all: Vec<f64> =
                     values[j].iter().copied().chain(clouds).chain(truth.get(&names[j])).collect();
-                parameters.span(&names[j], &all)
+                if self.close_up {
+                    parameters.close_span(&names[j], &values[j], &weights.weight)
+                } else {
+                    parameters.span(&names[j], &all)
+                }
             })
             .collect();
         let labels: Vec<_> = names.iter().map(|name| parameters.label(name)).collect();
         let supports: Vec<Span> =
             (0..n).map(|j| parameters.support(&names[j], spans[j], &values[j])).collect();
-        let places: Vec<Vec<f64>> = (0..n)
-            .map(|j| values[j].iter().map(|&x| supports[j].place(x).clamp(0.0, 1.0)).collect())
+        let density = |j: usize, values: &[f64], weights: &[f64]| {
+            let (places, weights) = within(supports[j], values, weights);
+            marginal(&places, &weights, CELLS_OF_ONE)
+        };
+        let marginals: Vec<Vec<f64>> = (0..n).map(|j| density(j, &values[j], &weights.weight)).collect();
+        // Where each iteration looked, as densities; without tables of samples there is nothing to tell.
+        let named = self.named(clouds.len());
+        let looked: Vec<Vec<Vec<f64>>> = (0..n)
+            .map(|j| {
+                let of = |&cloud: &usize| {
+                    let values = &clouds[cloud].values[j];
+                    density(j, values, &vec![1.0 / values.len() as f64; values.len()])
+                };
+                named.iter().filter(|_| !self.samples.is_empty() && !self.close_up).map(of).collect()
+            })
             .collect();
-        let marginals: Vec<Vec<f64>> =
-            places.iter().map(|places| marginal(places, &weights.weight, CELLS_OF_ONE)).collect();
-        let highest: Vec<f64> =
-            marginals.iter().map(|density| density.iter().copied().fold(0.0, f64::max)).collect();
+        let highest_of = |curves: &[Vec<f64>]| curves.iter().flatten().copied().fold(0.0, f64::max);
+        let highest: Vec<f64> = (0..n)
+            .map(|j| {
+                let own = highest_of(&marginals[j..=j]);
+                // A sharp proposal may leave the panel, but must not press the posterior flat.
+                own.max(highest_of(&looked[j]).min(1.5 * own))
+            })
+            .collect();
 
         let mut figure = Figure::new(format!("Pairs of {}", names.join(", ")), style.width);
-        let mut legend: Vec<(Key, String)> =
-            clouds.iter().map(|cloud| (Key::Dot(Dot::among(1, cloud.color)), cloud.label.clone())).collect();
+        let mut legend: Vec<(Key, String)> = named
+            .iter()
+            .map(|&i| (Key::Dot(Dot::among(1, clouds[i].color)), clouds[i].label.clone()))
+            .collect();
         legend.push((Key::Line(Paint::line(color::BLUE, 1.2)), "posterior".to_owned()));
         if n > 1 {
             legend.push((Key::Area(inner_paint()), "50 % of it".to_owned()));
@@ -127,6 +155,10 @@ impl Pairs {
                     marginals[j].iter().enumerate().map(|(i, &density)| (at(i), density)).collect();
                 let x: Vec<f64> = points.iter().map(|point| point.0).collect();
                 panel.band("posterior", &x, &vec![0.0; x.len()], &marginals[j], outer_paint());
+                for (cloud, density) in named.iter().map(|&i| &clouds[i]).zip(&looked[j]) {
+                    let points = x.iter().copied().zip(density.iter().copied());
+                    panel.line(&format!("density of {}", cloud.label), points, Paint::line(cloud.color, 0.8));
+                }
                 panel.line("posterior", points, Paint::line(color::BLUE, 1.2));
                 for cloud in clouds.iter().filter(|_| n == 1) {
                     let foot = cloud.drawn(j).map(|x| (x, 0.015 * highest[j]));
@@ -143,7 +175,16 @@ impl Pairs {
                 }
             },
             |panel, i, j| {
-                let density = joint(&places[i], &places[j], &weights.weight, CELLS);
+                let (mut x, mut y, mut shown) = (Vec::new(), Vec::new(), Vec::new());
+                for (row, &weight) in weights.weight.iter().enumerate() {
+                    let place = |j: usize| place_within(supports[j], values[j][row]);
+                    if let (Some(across), Some(up)) = (place(i), place(j)) {
+                        x.push(across);
+                        y.push(up);
+                        shown.push(weight);
+                    }
+                }
+                let density = joint(&x, &y, &shown, CELLS);
                 let heights = levels(&density, &[0.5, 0.9]);
                 for (height, paint, title) in
                     [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
@@ -170,6 +211,14 @@ impl Pairs {
             },
         );
         Ok(figure.finish())
+    }
+
+    /// The clouds that the legend names, of so many: all, or a few from the first to the last.
+    fn named(&self, clouds: usize) -> Vec<usize> {
+        if clouds <= MOST_NAMED {
+            return (0..clouds).collect();
+        }
+        (0..MOST_NAMED).map(|i| i * (clouds - 1) / (MOST_NAMED - 1)).collect()
     }
 
     fn clouds(&self, names: &[String], weighed: &[Vec<f64>]) -> Result<Vec<Cloud>> {

@@ -13,7 +13,7 @@ use gl::weights::Weights;
 use crate::Style;
 use crate::axis::{Axis, Label, Span};
 use crate::figure::{Figure, Key, star_paint};
-use crate::input::{Parameters, check_truth, column, lightest_first, read_weights, stem};
+use crate::input::{Parameters, check_truth, column, lightest_first, read_step_weights, stem, within};
 use crate::panel::{Dot, Panel, room_beside};
 use crate::scene::{Color, Paint, Rect, Scene, color, star};
 
@@ -21,21 +21,25 @@ use crate::scene::{Color, Paint, Rect, Scene, color, star};
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Posterior {
-    /// Table of weights; may be repeated, for steps or iterations from the first to the last
+    /// Table of weights, or of weights at several steps (gl-filter --step-weights); may be repeated, for
+    /// iterations from the first to the last
     #[arg(short, long, value_name = "FILE", required = true)]
     weights: Vec<PathBuf>,
-    /// What each table of weights is called in the picture; by default its file
+    /// What each set of weights is called in the picture; by default its step or its file
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     labels: Vec<String>,
     /// Table of parameters: their bounds, scales and units
     #[arg(short, long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Summary of the last table of weights: its means and intervals, which allow for few runs
+    /// Summary of the last set of weights: its means and intervals, which allow for few runs
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
     /// True values where they are known, as in a=0.2,b=5
     #[arg(long, value_name = "NAME=VALUE,…")]
     truth: Option<ByName>,
+    /// Axes as wide as the posterior, not as the bounds
+    #[arg(long)]
+    close_up: bool,
 }
 
 const EXAMPLE: &str = "\
@@ -89,7 +93,13 @@ impl Posterior {
                 let (left, right) = figure.shared_cell(place, columns, beside);
                 let values: Vec<Vec<f64>> = stages.iter().map(|stage| column(&stage.weights, j)).collect();
                 let all: Vec<f64> = values.iter().flatten().copied().chain(truth.get(&names[j])).collect();
-                let span = parameters.span(&names[j], &all);
+                let span = if self.close_up {
+                    let last = &stages[stages.len() - 1].weights;
+                    let span = parameters.close_span(&names[j], &column(last, j), &last.weight);
+                    stated[j].map_or(span, |(_, low, high)| span.with(low).with(high))
+                } else {
+                    parameters.span(&names[j], &all)
+                };
                 let x = Axis::horizontal(span, parameters.label(&names[j]), right - left);
                 for (row, stage) in stages.iter().enumerate() {
                     let rect = Rect::new(left, tops[row], right, tops[row] + row_height);
@@ -134,16 +144,26 @@ impl Posterior {
     }
 
     fn stages(&self) -> Result<Vec<Stage>> {
+        let mut sets: Vec<(String, Weights)> = Vec::new();
+        for path in &self.weights {
+            for (step, weights) in read_step_weights(path)? {
+                let label = match step {
+                    None => stem(path),
+                    Some(step) if self.weights.len() == 1 => format!("step {step}"),
+                    Some(step) => format!("{}, step {step}", stem(path)),
+                };
+                sets.push((label, weights));
+            }
+        }
         ensure!(
-            self.labels.is_empty() || self.labels.len() == self.weights.len(),
-            "--labels: {} names for {} tables of weights",
+            self.labels.is_empty() || self.labels.len() == sets.len(),
+            "--labels: {} names for {} sets of weights",
             self.labels.len(),
-            self.weights.len()
+            sets.len()
         );
-        let last = self.weights.len() - 1;
+        let last = sets.len() - 1;
         let mut stages: Vec<Stage> = Vec::new();
-        for (i, path) in self.weights.iter().enumerate() {
-            let weights = read_weights(path)?;
+        for (i, (label, weights)) in sets.into_iter().enumerate() {
             if let Some(first) = stages.first().map(|stage| &stage.weights) {
                 ensure!(
                     first.parameters == weights.parameters,
@@ -155,7 +175,7 @@ impl Posterior {
                 );
             }
             let early = if last == 0 { 0.0 } else { 0.65 * (1.0 - i as f64 / last as f64) };
-            let label = self.labels.get(i).cloned().unwrap_or_else(|| stem(path));
+            let label = self.labels.get(i).cloned().unwrap_or(label);
             stages.push(Stage { label, weights, color: color::BLUE.towards(color::WHITE, early) });
         }
         Ok(stages)
@@ -193,8 +213,8 @@ impl Marginals<'_> {
             .iter()
             .zip(self.values)
             .map(|(stage, values)| {
-                let places: Vec<f64> = values.iter().map(|&x| support.place(x).clamp(0.0, 1.0)).collect();
-                marginal(&places, &stage.weights.weight, CELLS)
+                let (places, weights) = within(support, values, &stage.weights.weight);
+                marginal(&places, &weights, CELLS)
             })
             .collect();
         let at: Vec<f64> = (0..CELLS).map(|i| support.value((i as f64 + 0.5) / CELLS as f64)).collect();

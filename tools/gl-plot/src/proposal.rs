@@ -46,6 +46,7 @@ Example:
 const MOST_DOTS: usize = 40_000;
 const CELLS: usize = 150;
 const CORNERS: usize = 72;
+const LEAST_WEIGHT: f64 = 0.01;
 
 /// Density of each component along a parameter, times its weight, at evenly spaced coordinates; shape
 /// (components, cells + 1).
@@ -94,9 +95,16 @@ impl Proposal {
             sums.iter().map(|sum: &Vec<f64>| sum.iter().copied().fold(0.0, f64::max)).collect();
 
         let mut figure = Figure::new(format!("Proposal for {}", names.join(", ")), style.width);
-        let mut legend = vec![(Key::Line(Paint::line(color::BLUE, 1.4)), "mixture".to_owned())];
+        // What hardly anything is drawn from would only be in the way.
+        let drawn: Vec<bool> = weight.iter().map(|&weight| weight >= LEAST_WEIGHT).collect();
+        let label = match drawn.iter().filter(|drawn| !**drawn).count() {
+            0 => "mixture".to_owned(),
+            1 => "mixture (1 component below 1 % is not drawn)".to_owned(),
+            few => format!("mixture ({few} components below 1 % are not drawn)"),
+        };
+        let mut legend = vec![(Key::Line(Paint::line(color::BLUE, 1.4)), label)];
         let shown = weight.len().min(color::SERIES.len() - 1);
-        for (k, weight) in weight.iter().enumerate().take(shown) {
+        for (k, weight) in weight.iter().enumerate().take(shown).filter(|(k, _)| drawn[*k]) {
             let label = format!("component {}: {:.0} %", k + 1, 100.0 * weight);
             legend.push((Key::Line(Paint::line(component_color(k), 1.0)), label));
         }
@@ -128,7 +136,7 @@ impl Proposal {
                 };
                 let ticks = samples.iter().map(|row| (row[j], 0.0));
                 panel.dots("samples", ticks, Dot::among(samples.len(), color::GREY), MOST_DOTS / n);
-                for (k, values) in along[j].iter().enumerate() {
+                for (k, values) in along[j].iter().enumerate().filter(|(k, _)| drawn[*k]) {
                     let paint = Paint::line(component_color(k), 0.9);
                     panel.line(&format!("component {}", k + 1), curve(values), paint);
                 }
@@ -138,7 +146,7 @@ impl Proposal {
                 let points = samples.iter().map(|row| (row[i], row[j]));
                 panel.dots("samples", points, Dot::among(samples.len() * n, color::GREY), most);
                 let value = |(x, y): (f64, f64)| (bounds[i].value(x), bounds[j].value(y));
-                for (k, (_, component)) in pairs[j][i].iter().enumerate() {
+                for (k, (_, component)) in pairs[j][i].iter().enumerate().filter(|(k, _)| drawn[*k]) {
                     let outline =
                         |reach: f64| [ellipse(component, reach).into_iter().map(value).collect::<Vec<_>>()];
                     let paint = Paint::line(component_color(k), 1.0);

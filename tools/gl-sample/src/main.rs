@@ -1,5 +1,6 @@
 //! Draw parameter samples from the prior, one row a sample.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -38,7 +39,7 @@ struct Args {
     iteration: usize,
     /// Threads a run, written as !OMP_NUM_THREADS for yade-batch
     #[arg(long, value_name = "T")]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Effects in the runs: none, switch (each on or off, for gl-gap-attribute), or names
     #[arg(long, value_name = "none|switch|NAME,…", default_value = "none")]
     effects: EffectsName,
@@ -108,7 +109,7 @@ fn run(args: &Args) -> Result<()> {
         parameters: prior.names(),
         values: design::draw(&prior, effects, method, count, args.seed, !args.unscrambled)?,
     };
-    samples.write(args.output.as_deref(), args.threads)
+    samples.write(args.output.as_deref(), args.threads.map(NonZeroUsize::get))
 }
 
 fn main() -> ExitCode {

@@ -2,9 +2,10 @@
 
 use anyhow::Result;
 
-use crate::gap::confounding::difference;
-use crate::gap::diagnosis::{Diagnosis, shrink};
-use crate::gap::problem::Problem;
+use crate::gap::attribute::confounding::difference;
+use crate::gap::attribute::diagnosis::{Diagnosis, shrink};
+use crate::gap::attribute::marginals::marginals;
+use crate::gap::attribute::problem::Problem;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.9;
@@ -43,6 +44,13 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Resul
                 percent(closes.low),
                 percent(closes.high)
             ));
+        }
+    }
+    if let Some(place) = first.explanation {
+        for marginal in marginals(problem, &explanations[place]).iter().filter(|marginal| marginal.lean != 0)
+        {
+            let side = if marginal.lean < 0 { "lower" } else { "upper" };
+            lines.push(format!("{} leans on its {side} bound: the truth may lie outside", marginal.name));
         }
     }
     let second = &diagnosis.rows[1];

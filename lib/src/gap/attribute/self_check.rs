@@ -6,12 +6,13 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::ensemble::Ensemble;
-use crate::gap::attribution::attribute;
-use crate::gap::diagnosis::{emulate, problem};
-use crate::gap::hypothesis::{Candidate, name};
-use crate::gap::mode::standard_normal;
+use crate::gap::attribute::attribution::attribute;
+use crate::gap::attribute::diagnosis::{emulate, problem};
+use crate::gap::attribute::hypothesis::{Candidate, name};
+use crate::gap::attribute::mode::standard_normal;
 use crate::observations::Observations;
 use crate::prior::Prior;
+use crate::progress::stage;
 use crate::samples::Samples;
 
 /// A run that was called the measurement.
@@ -85,6 +86,7 @@ pub fn self_check(
     runs.shuffle(&mut random);
     runs.truncate(count);
     let group = (design.ensemble.len() / AT_ONCE).max(1);
+    let stage = stage("checking itself", count);
     let mut checked = Vec::new();
     for taken in runs.chunks(group) {
         let mut rest = Ensemble::new(observations, false);
@@ -125,6 +127,7 @@ pub fn self_check(
                 first,
                 probability,
             });
+            stage.advance();
         }
     }
     Ok(checked)

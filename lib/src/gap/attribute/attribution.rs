@@ -5,12 +5,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::gap::adequacy::{INADEQUATE, predictive_probability};
-use crate::gap::evidence::{COARSE, Evidence, FINE, evidence};
-use crate::gap::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
-use crate::gap::mode::{Mode, find};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::adequacy::{INADEQUATE, predictive_probability};
+use crate::gap::attribute::evidence::{COARSE, Evidence, FINE, evidence};
+use crate::gap::attribute::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::attribute::mode::{Mode, find};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
+use crate::progress::stage;
 use crate::statistics::ln_sum_exp;
 
 /// One hypothesis after the measurement.
@@ -22,6 +23,8 @@ pub struct Explanation {
     pub name: String,
     /// Probability given the measurement; what does not fit has none.
     pub probability: f64,
+    /// Whether it is out of the question, so that its evidence is coarse.
+    pub is_hopeless: bool,
     /// Its evidence and posterior.
     pub evidence: Evidence,
     /// Evidence with a further smooth discrepancy, where it was worth a look.
@@ -68,6 +71,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         random.set_stream(place as u64);
         random
     };
+    let fitting = stage("fitting hypotheses", sets.len());
     let mut modes: Vec<Vec<Mode>> = Vec::with_capacity(sets.len());
     for size in 0..=largest.min(count) {
         let more: Vec<Vec<Mode>> = sets
@@ -87,9 +91,11 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                     .collect();
                 find(&model, &starts, &mut random(place))
             })
+            .inspect(|_| fitting.advance())
             .collect();
         modes.extend(more);
     }
+    drop(fitting);
     let rough: Vec<f64> = modes
         .iter()
         .zip(&sets)
@@ -99,6 +105,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         })
         .collect();
     let highest = rough.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let weighing = stage("weighing hypotheses", sets.len());
     let found: Vec<Evidence> = modes
         .into_par_iter()
         .enumerate()
@@ -107,7 +114,9 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
             let model = Model::new(problem, &sets[place], false);
             evidence(&model, modes, aim, &mut random(sets.len() + place))
         })
+        .inspect(|_| weighing.advance())
         .collect::<Result<_>>()?;
+    drop(weighing);
     let weight = |place: usize, found: &[Evidence]| found[place].ln + ln_prior_odds(&sets[place], count);
     let mut order: Vec<usize> = (0..sets.len()).collect();
     order.sort_by(|&a, &b| weight(b, &found).total_cmp(&weight(a, &found)));
@@ -123,6 +132,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         close.push(0);
     }
     // Fit, and evidence with something further at work.
+    let looking = stage("looking for something else", close.len());
     let looked: Vec<(usize, f64, f64)> = close
         .into_par_iter()
         .map(|place| {
@@ -136,7 +146,9 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
             let modes = find(&wider, &starts, &mut random);
             Ok((place, fits, evidence(&wider, modes, FINE, &mut random)?.ln))
         })
+        .inspect(|_| looking.advance())
         .collect::<Result<_>>()?;
+    drop(looking);
 
     let ln_unexplained = ln_sum_exp(
         &looked.iter().map(|&(place, _, ln)| ln + ln_prior_odds(&sets[place], count)).collect::<Vec<_>>(),
@@ -156,6 +168,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 hypothesis: set.clone(),
                 name: name(set, &problem.candidates),
                 probability: (weight(place, &found) - whole).exp(),
+                is_hopeless: highest - rough[place] >= HOPELESS,
                 evidence: found[place].clone(),
                 with_discrepancy: look.map(|&(_, _, ln)| ln),
                 fits: look.map(|&(_, fits, _)| fits),

@@ -1,6 +1,6 @@
 //! What may explain a gap: candidate effects, and every set of a few of them.
 
-use crate::gap::measurement::MeasurementEffect;
+use crate::gap::attribute::measurement::MeasurementEffect;
 use crate::prior::Effect;
 
 /// An effect that may be missing from the base model.

@@ -6,8 +6,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use crate::gap::mode::{Mode, standard_normal};
-use crate::gap::model::Model;
+use crate::gap::attribute::mode::{Mode, standard_normal};
+use crate::gap::attribute::model::Model;
 
 /// Below this predictive probability a hypothesis does not fit.
 pub const INADEQUATE: f64 = 0.01;

@@ -5,13 +5,13 @@ use anyhow::{Result, ensure};
 
 use crate::emulator::{Emulator, Options};
 use crate::ensemble::Ensemble;
-use crate::gap::attribution::{Attribution, Explanation, attribute};
-use crate::gap::closure::{self, Fitted, Shrink};
-use crate::gap::confounding::confounded;
-use crate::gap::hypothesis::Candidate;
-use crate::gap::measurement::{Kind, MeasurementEffect};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::attribution::{Attribution, Explanation, attribute};
+use crate::gap::attribute::closure::{self, Fitted, Shrink};
+use crate::gap::attribute::confounding::confounded;
+use crate::gap::attribute::hypothesis::Candidate;
+use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 use crate::observations::Observations;
 use crate::prior::Prior;
 use crate::samples::Samples;
@@ -22,7 +22,8 @@ const COMPONENTS: usize = 20;
 /// What may explain a gap: the effects of the prior, and those of the measurement.
 ///
 /// # Errors
-/// If there are none, or an effect is on in no run, or in every one.
+/// If there are none, an effect is on in no run, or in every one, or an observable is the same in every
+/// run.
 pub fn candidates(
     prior: &Prior,
     samples: &Samples,
@@ -54,6 +55,15 @@ pub fn candidates(
     }
     let mut all: Vec<Candidate> = effects.into_iter().map(Candidate::Simulated).collect();
     all.extend(MeasurementEffect::all(kinds, &ensemble.observables).into_iter().map(Candidate::Measured));
+    let names = ensemble.observables.iter().enumerate().filter(|_| !ensemble.is_empty());
+    for (j, name) in names {
+        let first = ensemble.curve(0, j);
+        ensure!(
+            (1..ensemble.len()).any(|run| ensemble.curve(run, j) != first),
+            "{}: {name} is the same in every run, so that no parameter can explain it; leave it out",
+            ensemble.source
+        );
+    }
     ensure!(
         !all.is_empty(),
         "no candidate effect; name some in the column effect of the parameters, each with its value off, \
@@ -110,7 +120,7 @@ pub struct Diagnosis {
     pub effects: Vec<(String, f64)>,
     /// Probabilities, evidences and posteriors.
     pub attribution: Attribution,
-    /// The gap that noise and scatter alone would give.
+    /// The gap that noise and scatter alone would leave of the most probable explanation.
     pub floor: f64,
 }
 
@@ -122,7 +132,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
     let attribution = attribute(problem, largest, seed)?;
     let explanations = &attribution.explanations;
     let confounded = confounded(problem, explanations)?;
-    let floor = floor(problem, &explanations[0]);
+    let floor = floor(problem, &explanations[0])?;
     let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty());
     let before = base.map_or(f64::NAN, |base| closure::gap(problem, &base.evidence.mean));
     let mut rows: Vec<Row> = explanations
@@ -166,9 +176,9 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
     Ok(Diagnosis { rows, effects, attribution, floor })
 }
 
-fn floor(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
+fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
     let model = Model::new(problem, &explanation.hypothesis, false);
-    closure::floor(problem, &model.nuisances(explanation.evidence.modes[0].w.as_slice()).0)
+    closure::floor(&model, explanation.evidence.modes[0].w.as_slice())
 }
 
 /// Predict how far the gap shrinks once the effects of an explanation are in the simulation.

@@ -4,10 +4,10 @@
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::hypothesis::Candidate;
-use crate::gap::measurement::MeasurementEffect;
-use crate::gap::predictor::Prediction;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::hypothesis::Candidate;
+use crate::gap::attribute::measurement::MeasurementEffect;
+use crate::gap::attribute::predictor::Prediction;
+use crate::gap::attribute::problem::Problem;
 use crate::prior::normal_cdf;
 
 /// A hypothesis: the base model, the candidates that are in, and perhaps a discrepancy.
@@ -64,9 +64,9 @@ impl<'a> Model<'a> {
         }
         // The control is moved first, readings last: that is the order in the rig.
         measured.sort_by_key(|effect| match effect.kind {
-            crate::gap::measurement::Kind::Compliance => 0,
-            crate::gap::measurement::Kind::Lag => 1,
-            crate::gap::measurement::Kind::Gain => 2,
+            crate::gap::attribute::measurement::Kind::Compliance => 0,
+            crate::gap::attribute::measurement::Kind::Lag => 1,
+            crate::gap::attribute::measurement::Kind::Gain => 2,
             _ => 3,
         });
         let rest = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
@@ -215,7 +215,7 @@ impl<'a> Model<'a> {
         &self,
         w: &[f64],
         component_variance: &[f64],
-        visit: impl FnOnce(&crate::gap::gaussian::Filled<'_>) -> T,
+        visit: impl FnOnce(&crate::gap::attribute::gaussian::Filled<'_>) -> T,
     ) -> Result<T> {
         let (noise, amplitudes) = self.nuisances(w);
         self.problem.with_covariance(&noise, &amplitudes, component_variance, visit)

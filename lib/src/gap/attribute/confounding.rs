@@ -3,9 +3,9 @@
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::gap::attribution::Explanation;
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::attribution::Explanation;
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 
 /// What one hypothesis adds to the base model's curve is imitated by another when the cosine between
 /// them is above this …

@@ -3,11 +3,11 @@
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::gap::discrepancy::Smooth;
-use crate::gap::gaussian::Covariance;
-use crate::gap::hypothesis::Candidate;
-use crate::gap::path::Path;
-use crate::gap::predictor::Predictor;
+use crate::gap::attribute::discrepancy::Smooth;
+use crate::gap::attribute::gaussian::Covariance;
+use crate::gap::attribute::hypothesis::Candidate;
+use crate::gap::attribute::path::Path;
+use crate::gap::attribute::predictor::Predictor;
 use crate::observations::Observations;
 use crate::prior::Prior;
 
@@ -187,7 +187,7 @@ impl<'a> Problem<'a> {
         noise: &[f64],
         amplitudes: &[f64],
         component_variance: &[f64],
-        visit: impl FnOnce(&crate::gap::gaussian::Filled<'_>) -> T,
+        visit: impl FnOnce(&crate::gap::attribute::gaussian::Filled<'_>) -> T,
     ) -> Result<T> {
         let steps = self.steps();
         let estimated;

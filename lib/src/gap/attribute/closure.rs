@@ -5,9 +5,9 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::gap::mode::{Mode, standard_normal};
-use crate::gap::model::Model;
-use crate::gap::problem::Problem;
+use crate::gap::attribute::mode::{Mode, standard_normal};
+use crate::gap::attribute::model::Model;
+use crate::gap::attribute::problem::Problem;
 use crate::statistics::Quantiles;
 
 /// Root mean square of (measured − curve) / range over all readings.
@@ -18,11 +18,33 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
     (sum / problem.observed.len() as f64).sqrt()
 }
 
-/// The gap that noise and scatter alone would give; `noise` as shares of the ranges where it is
-/// estimated.
-pub fn floor(problem: &Problem<'_>, noise: &[f64]) -> f64 {
-    let share = |j: usize| (problem.spread(j, noise) / problem.ranges[j]).powi(2);
-    ((0..problem.ranges.len()).map(share).sum::<f64>() / problem.ranges.len() as f64).sqrt()
+/// The gap that noise and scatter alone would leave of a model, once its calibration has followed them as
+/// far as it can: the same as [`shrink`](crate::gap::shrink::shrink) takes off a measured gap.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
+    let problem = model.problem();
+    let (_, slopes) = model.gradient(w);
+    let mut errors = problem.measurement_errors(&model.nuisances(w).0);
+    absorb(model, w, &slopes, &mut errors)?;
+    let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
+    let sum: f64 = (0..errors.nrows()).map(share).sum();
+    Ok((sum / errors.nrows() as f64).sqrt())
+}
+
+/// Take out of errors, shape (readings, errors), what calibration absorbs by slopes of the curve, shape
+/// (readings, curve parameters), in the metric of noise and scatter alone.
+fn absorb(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, errors: &mut DMatrix<f64>) -> Result<()> {
+    let none = vec![0.0; model.problem().predictor.basis().ncols()];
+    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(slopes))?;
+    let mut information = slopes.tr_mul(&solved);
+    for i in 0..information.nrows() {
+        information[(i, i)] += 1.0;
+    }
+    let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
+    *errors -= slopes * factor.solve(&solved.tr_mul(errors));
+    Ok(())
 }
 
 /// Share of a gap that is left: (after² − floor²)₊ / (before² − floor²)₊, at most 1; 1 where there is
@@ -65,9 +87,8 @@ const DRAWS: usize = 400;
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
-    let problem = after.model.problem();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let least = floor(problem, &after.model.nuisances(after.mode.w.as_slice()).0);
+    let least = floor(after.model, after.mode.w.as_slice())?;
     let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
     let shrinks: Vec<f64> =
         before.iter().zip(&after).map(|(&before, &after)| 1.0 - left(before, after, least)).collect();
@@ -97,15 +118,7 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
         let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&surprise))?;
         real -= &errors * errors.tr_mul(&solved);
     }
-    // Calibration absorbs what the parameters can, in the metric of the noise alone.
-    let none = vec![0.0; curve.variance.len()];
-    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(&slopes))?;
-    let mut information = slopes.tr_mul(&solved);
-    for i in 0..information.nrows() {
-        information[(i, i)] += 1.0;
-    }
-    let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
-    real -= &slopes * factor.solve(&solved.tr_mul(&real));
+    absorb(model, w, &slopes, &mut real)?;
     let seen = DVector::from_column_slice(&problem.observed);
     Ok(real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect())
 }
@@ -113,6 +126,23 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::attribute::hypothesis::Candidate;
+    use crate::gap::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn a_fit_of_three_parameters_takes_three_readings_out_of_the_floor() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.2));
+        let wave = Candidate::Simulated(prior.effects().remove(0));
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, vec![wave], &observations, noise, 1.0).unwrap();
+        for (hypothesis, parameters) in [(vec![], 2.0), (vec![0], 3.0)] {
+            let model = Model::new(&problem, &hypothesis, false);
+            let share = (floor(&model, &vec![0.0; model.len()]).unwrap() * problem.ranges[0] / 0.01).powi(2);
+            // The priors are wide beside the noise, but not infinitely.
+            assert!((share - (1.0 - parameters / STEPS as f64)).abs() < 2e-3, "{parameters}: {share}");
+        }
+    }
 
     #[test]
     fn what_is_left_is_counted_above_the_floor() {

@@ -5,8 +5,8 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::gap::mode::{Mode, standard_normal};
-use crate::gap::model::{Curve, Model, ln_prior};
+use crate::gap::attribute::mode::{Mode, standard_normal};
+use crate::gap::attribute::model::{Curve, Model, ln_prior};
 use crate::statistics::{ln_sum_exp, normalised};
 
 /// The evidence of a hypothesis and its posterior.
@@ -250,12 +250,12 @@ fn flattened(ln_weights: &[f64], wanted: f64) -> Result<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::hypothesis::Candidate;
+    use crate::gap::attribute::hypothesis::Candidate;
     use rand::SeedableRng;
 
-    use crate::gap::measurement::{Kind, MeasurementEffect};
-    use crate::gap::problem::Problem;
-    use crate::gap::synthetic_world::{STEPS, Straight};
+    use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
+    use crate::gap::attribute::problem::Problem;
+    use crate::gap::attribute::synthetic_world::{STEPS, Straight};
 
     /// ln N(y; mean, noise² I + small discrepancy + Σ patternᵢ sdᵢ²), the closed form.
     fn closed_form(problem: &Problem<'_>, noise: f64, mean: &[f64], patterns: &[(Vec<f64>, f64)]) -> f64 {
@@ -304,7 +304,7 @@ mod tests {
             for seed in 0..5 {
                 let model = Model::new(&problem, hypothesis, false);
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
-                let modes = crate::gap::mode::find(&model, &[], &mut random);
+                let modes = crate::gap::attribute::mode::find(&model, &[], &mut random);
                 let found = evidence(&model, modes, FINE, &mut random).unwrap();
                 assert!(found.error < 0.1, "{hypothesis:?}: {}", found.error);
                 let off = (found.ln - expected).abs();
@@ -333,7 +333,7 @@ mod tests {
     fn found(problem: &Problem<'_>, discrepancy: bool) -> Evidence {
         let model = Model::new(problem, &[], discrepancy);
         let mut random = ChaCha8Rng::seed_from_u64(3);
-        let modes = crate::gap::mode::find(&model, &[], &mut random);
+        let modes = crate::gap::attribute::mode::find(&model, &[], &mut random);
         evidence(&model, modes, FINE, &mut random).unwrap()
     }
 

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use anyhow::{Error, Result, bail};
 
-use crate::gap::path::Path;
+use crate::gap::attribute::path::Path;
 use crate::prior::{normal_cdf, normal_quantile};
 
 /// How a measurement may be at fault. Sizes are given as shares of ranges: the observable's, or the

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::gap::predictor::{Prediction, Predictor};
+use crate::gap::attribute::predictor::{Prediction, Predictor};
 use crate::observations::Observations;
 use crate::prior::{Parameter, Prior, Scale};
 

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::gap::model::{Curve, Model, ln_prior};
+use crate::gap::attribute::model::{Curve, Model, ln_prior};
 use crate::prior::normal_quantile;
 
 /// A maximum of the posterior density.
