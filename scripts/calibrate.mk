@@ -17,12 +17,13 @@ PREVIOUS := $(if $(filter-out 0,$(I)),$(lastword $(filter-out $(D),$(ALL))))
 SEED ?= 0
 SAMPLING ?= mixture
 ESS ?= 0.2
+EMULATED ?= 1000
 MAX_FAILED ?= 0.5
 export CASE
 
 SAMPLE := $(call option,--effects,$(EFFECTS)) $(call option,--threads,$(THREADS))
-MISFIT := $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
-          $(call option,--steps,$(STEPS))
+COMPARE := -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(call option,--noise,$(NOISE)) $(call option,--scale,$(SCALE)) $(call option,--weights,$(WEIGHTS)) \
+           $(call option,--steps,$(STEPS))
 FILTER := -p $(PARAMS) $(foreach d,$(ALL),-s $(d)/samples.txt) --proposal prior \
           $(foreach d,$(filter-out $(OUT)/iter0,$(ALL)),--proposal $(d)/proposal.txt)
 RESAMPLE := $(call option,--components,$(COMPONENTS)) $(call option,--covariance,$(COVARIANCE)) \
@@ -52,7 +53,7 @@ $(D)/posterior-weights.txt: $(foreach d,$(ALL),$(d)/misfit.txt)
 	 || { cat $(D)/posterior.log >&2; exit 2; }
 
 $(D)/misfit.txt: $(D)/ensemble.txt
-	@gl-likelihood -b $(OBS) -c $(CONTROL_NAME) -v $(OBSERVABLE_NAMES) $(MISFIT) -o $@ $<
+	@gl-likelihood $(COMPARE) -o $@ $<
 
 $(D)/ensemble.txt: $(D)/samples.txt $(OBS)
 	@$(if $(ENGINE),"$(SCRIPTS)run-$(ENGINE)" $(RUN_OPTIONS) $(D)/samples.txt '$(ENGINE_MODEL)' $(D)/runs)
@@ -64,10 +65,17 @@ $(D)/samples.txt: $(PARAMS) $(CASE)/case.env
 	@mkdir -p $(D)
 	@gl-sample -p $(PARAMS) -n $(NUM) $(SAMPLE) --seed $(SEED) --name $(NAME) --iteration 0 -o $@
 else
-$(D)/samples.txt: $(PREVIOUS)/stop.code
+# The weights that the next samples are drawn by: those of emulated samples, where there are any.
+DRAWN_BY := $(PREVIOUS)/$(if $(filter-out 0,$(EMULATED)),emulated-)weights.txt
+
+$(PREVIOUS)/emulated-weights.txt: $(PREVIOUS)/stop.code
+	@"$(SCRIPTS)emulated-weights" $(PARAMS) $(OUT) $$(($(I) - 1)) $$((1000 * ($(SEED) + $(I)))) $(EMULATED) '$(COMPARE)' \
+	 2>$(PREVIOUS)/emulated.log || { cat $(PREVIOUS)/emulated.log >&2; exit 2; }
+
+$(D)/samples.txt: $(PREVIOUS)/stop.code $(DRAWN_BY)
 	@mkdir -p $(D)
 	@gl-gmm-resample -p $(PARAMS) -n $(NUM) $(RESAMPLE) --seed $$(($(SEED) + $(I))) --name $(NAME) \
-	 --iteration $(I) --proposal-out $(D)/proposal.txt -o $@ $(PREVIOUS)/weights.txt 2>$(D)/resample.log \
+	 --iteration $(I) --proposal-out $(D)/proposal.txt -o $@ $(DRAWN_BY) 2>$(D)/resample.log \
 	 || { cat $(D)/resample.log >&2; exit 2; }
 endif
 

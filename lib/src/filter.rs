@@ -299,6 +299,30 @@ pub fn weigh(runs: &Runs, target: Target, floor: Option<Target>, noise: Noise) -
     Ok(if weighting.sigma > lowest.sigma { weighting } else { lowest })
 }
 
+/// Weigh emulated runs: by `target`, but never at a σ below that at which what the emulator does not know
+/// could be told from the noise.
+///
+/// The errors of an emulator at all readings of a run may be one and the same error. As independent ones
+/// they would be known too well by the number of readings, and weights would follow a trend that only
+/// the emulator sees. So σ stays above 1 + E[Σ v/(N + v)], with the variances v of the emulator and N of
+/// the noise, and the sum over the readings.
+///
+/// * `ignorance` — Σ v/(N + v) of each run, shape (runs,).
+///
+/// # Errors
+/// See [`weigh`].
+pub fn weigh_emulated(runs: &Runs, target: Target, ignorance: &[f64]) -> Result<Weighting> {
+    let mut floor = 1.0;
+    let mut weighting = weigh(runs, target, Some(Target::Sigma(floor)), Noise::Known)?;
+    // The floor depends on which runs hold the weight; it settles at once, or moves up.
+    for _ in 0..3 {
+        let weights = weighting.weights()?;
+        floor = f64::max(floor, 1.0 + crate::statistics::mean(ignorance, &weights));
+        weighting = weigh(runs, target, Some(Target::Sigma(floor)), Noise::Known)?;
+    }
+    Ok(weighting)
+}
+
 fn ln_mean(ln_weight: &[f64]) -> f64 {
     ln_sum_exp(ln_weight) - (ln_weight.len() as f64).ln()
 }
@@ -350,6 +374,18 @@ mod tests {
         assert_eq!(high.sigma, 40.0);
         let noise = weigh(&runs, Target::Ess(0.03), Some(Target::Noise), Noise::Known).unwrap();
         assert_eq!((noise.sigma, noise.is_noise), (1.0, true));
+    }
+
+    #[test]
+    fn ignorance_of_an_emulator_is_a_floor_of_sigma() {
+        let runs = prior_runs((0..50).map(f64::from).collect());
+        let free = weigh_emulated(&runs, Target::Ess(0.04), &[0.0; 50]).unwrap();
+        assert_eq!(free.sigma, 1.0);
+        // Thirty readings whose variance is the emulator's by half.
+        let held = weigh_emulated(&runs, Target::Ess(0.04), &[15.0; 50]).unwrap();
+        assert_eq!(held.sigma, 16.0);
+        let above = weigh_emulated(&runs, Target::Ess(0.9), &[15.0; 50]).unwrap();
+        assert!(above.sigma > 16.0);
     }
 
     proptest! {

@@ -9,6 +9,7 @@ use crate::observations::{ByName, Observations, Steps, range};
 mod stream;
 mod table;
 
+pub use stream::MisfitRows;
 pub use table::Misfits;
 
 /// What a misfit is measured against when no noise is given.
@@ -76,6 +77,16 @@ impl Covariance {
         let variance = noise.iter().map(|sd| sd.iter().map(|sd| sd * sd).collect()).collect();
         Self { variance, is_noise: true }
     }
+
+    /// C times σ as the variance of the noise: what is posterior at this σ is so at 1.
+    ///
+    /// # Errors
+    /// If σ is not positive.
+    pub fn at_sigma(mut self, sigma: f64) -> Result<Self> {
+        ensure!(sigma > 0.0 && sigma.is_finite(), "--sigma {sigma} is not positive");
+        self.variance.iter_mut().flatten().for_each(|variance| *variance *= sigma);
+        Ok(Self { is_noise: true, ..self })
+    }
 }
 
 /// Compares runs with a measurement.
@@ -99,6 +110,9 @@ pub struct RunMisfit {
     pub readings: f64,
     /// The misfit that noise alone would make, over all steps and observables.
     pub expected: f64,
+    /// The emulator's share of the variance of each reading, summed over all steps and observables;
+    /// 0 for a run of the simulator.
+    pub ignorance: f64,
 }
 
 impl<'a> Comparison<'a> {
@@ -127,8 +141,13 @@ impl<'a> Comparison<'a> {
     pub fn run(&self, curves: &[f64], sd: Option<&[f64]>) -> RunMisfit {
         let m = self.observations.names.len();
         let n = self.steps.len();
-        let mut result =
-            RunMisfit { misfit: vec![0.0; n], error: vec![0.0; n], readings: 0.0, expected: (n * m) as f64 };
+        let mut result = RunMisfit {
+            misfit: vec![0.0; n],
+            error: vec![0.0; n],
+            readings: 0.0,
+            expected: (n * m) as f64,
+            ignorance: 0.0,
+        };
         let mut residuals = vec![0.0; n];
         for j in 0..m {
             let (observed, variances) = (&self.observations.values[j], &self.covariance.variance[j]);
@@ -139,6 +158,7 @@ impl<'a> Comparison<'a> {
                     Some(own) => {
                         let ln_widening = (own / variance).ln_1p();
                         result.expected += ln_widening;
+                        result.ignorance += own / (variance + own);
                         residual * residual / (variance + own) + ln_widening
                     }
                     None => residual * residual / variance,

@@ -78,8 +78,9 @@ pub fn criteria(
 /// The best run misses by more than this share of the observables' range: the fit is bad.
 const BAD_ERROR: f64 = 0.1;
 
-/// A posterior that is less narrower than this than its prior has learned little.
-const BLIND: f64 = 0.3;
+/// A posterior that has shrunk by less than this has learned little; of a dozen effective runs the standard
+/// deviation is known to a fifth.
+const BLIND: f64 = 0.5;
 
 /// The best run misfits by more than so many times what the noise explains: the fit is bad.
 const BAD_MISFIT: f64 = 2.0;
@@ -111,8 +112,12 @@ pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> 
         doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));
     }
     for name in summary.names_of("shrinkage") {
-        if summary.find_number(&format!("shrinkage({name})"))?.is_some_and(|shrinkage| shrinkage < BLIND) {
-            doubts.push(format!("the measurement says little of {name}: it is about as uncertain as before"));
+        let shrinkage = summary.find_number(&format!("shrinkage({name})"))?;
+        if let Some(shrinkage) = shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
+            doubts.push(format!(
+                "the measurement says little of {name}: its standard deviation is {:.2} times what it was before",
+                (1.0 - shrinkage).sqrt()
+            ));
         }
     }
     for name in summary.names_of("lean") {

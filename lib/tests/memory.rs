@@ -5,7 +5,7 @@
 use std::fs;
 use std::io::{self, Read, Write};
 
-use gl::misfit::{Comparison, Covariance, Scale};
+use gl::misfit::{Comparison, Covariance, MisfitRows, Scale};
 use gl::observations::{ByName, Observations, Steps};
 use gl::table::Table;
 
@@ -67,7 +67,7 @@ fn ten_million_rows_of_misfits_take_less_than_100_megabytes() {
     let header = &b"sample\tstep\te\tq\n"[..];
     let mut lines = Lines(0);
     let mut runs = header.chain(Runs { next: 0, text: Vec::new(), used: 0 });
-    comparison.stream("runs", &mut runs, &mut lines).unwrap();
+    comparison.stream("runs", &mut runs, &mut lines, MisfitRows::Steps).unwrap();
     assert_eq!(lines.0, 1 + STEPS * RUNS);
     let peak = peak_memory();
     assert!(peak < 100.0, "{peak} MB");

@@ -6,7 +6,7 @@
 use std::fs;
 
 use gl::ensemble::Ensemble;
-use gl::misfit::{Comparison, Covariance, Misfits, Scale};
+use gl::misfit::{Comparison, Covariance, MisfitRows, Misfits, Scale};
 use gl::observations::{ByName, Observations, Steps};
 use gl::table::{Table, push_number};
 use proptest::prelude::*;
@@ -47,7 +47,7 @@ fn misfits(table: &str) -> Result<String, String> {
     let covariance = Covariance::scaled(&observations, Scale::Max, &ByName::default()).unwrap();
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
     let mut output = Vec::new();
-    let result = comparison.stream("runs.txt", &mut table.as_bytes(), &mut output);
+    let result = comparison.stream("runs.txt", &mut table.as_bytes(), &mut output, MisfitRows::Steps);
     result.map(|()| String::from_utf8(output).unwrap()).map_err(|error| format!("{error:#}"))
 }
 

@@ -27,6 +27,29 @@ fn misfits(folder: &Folder, iteration: usize, scale: &str) {
     ));
 }
 
+/// A row a run says what its steps do, when no history is asked for.
+#[test]
+fn misfits_of_whole_runs_weigh_as_those_of_their_steps() {
+    let Some(folder) = oedometer() else { return };
+    misfits(&folder, 0, "max");
+    folder.run(
+        "gl-likelihood -b data/obs.txt -c e_a -v p,q,n --weights n=0.01 --total ensemble0.txt -o total.txt",
+    );
+    assert_eq!(folder.table("total.txt").len(), 100);
+    for sigma in ["--ess 0.2", "--sigma noise"] {
+        for (misfits, name) in [("misfit0.txt", "steps"), ("total.txt", "runs")] {
+            folder.run(&format!(
+                "gl-filter -s data/iter0/samples.txt {sigma} --summary {name}-summary.txt {misfits} -o {name}.txt"
+            ));
+        }
+        for quantity in ["sigma", "sigma_noise", "ensemble_error", "mean(E)", "q05(mu)"] {
+            let of = |name: &str| folder.quantity(&format!("{name}-summary.txt"), quantity);
+            let (steps, runs) = (of("steps"), of("runs"));
+            assert!((steps - runs).abs() <= 1e-9 * steps.abs(), "{quantity}: {steps} and {runs}");
+        }
+    }
+}
+
 fn assert_close(here: f64, there: f64, what: &str) {
     // The reference has ten digits.
     assert!((here - there).abs() <= 1e-8 * there.abs(), "{what}: {here} is not {there}");

@@ -15,6 +15,16 @@ struct Form {
     plain: Option<PlainRows>,
     /// The step between two tabs, for each step that is compared.
     steps: Vec<Vec<u8>>,
+    rows: MisfitRows,
+}
+
+/// What the rows of a misfit table stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MisfitRows {
+    /// A step of a run each.
+    Steps,
+    /// A whole run each: misfits summed and errors averaged over the steps, of which the last is named.
+    Runs,
 }
 
 impl Comparison<'_> {
@@ -23,11 +33,18 @@ impl Comparison<'_> {
     ///
     /// `readings` is the number of independent readings that a row stands for, so that their sum over
     /// a run says how many there are to estimate the noise from; 0 where the noise is known. There
-    /// `expected` is a row's share of the misfit that this noise alone would make, else 0.
+    /// `expected` is a row's share of the misfit that this noise alone would make, else 0. Where the
+    /// ensemble is an emulator's, `ignorance` follows: a row's share of [`RunMisfit::ignorance`].
     ///
     /// # Errors
     /// If the table cannot be read or written, or a run does not have the steps of the measurement.
-    pub fn stream(&self, source: &str, input: &mut dyn Read, output: &mut dyn Write) -> Result<()> {
+    pub fn stream(
+        &self,
+        source: &str,
+        input: &mut dyn Read,
+        output: &mut dyn Write,
+        rows: MisfitRows,
+    ) -> Result<()> {
         let table = RunTable::new(source, input, "sample")?;
         let columns =
             Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
@@ -36,9 +53,10 @@ impl Comparison<'_> {
             plain: PlainRows::new(&self.observations.control, &columns, table.format()),
             columns,
             steps: self.steps.clone().map(|step| format!("\t{step}\t").into_bytes()).collect(),
+            rows,
         };
-        output
-            .write_all(b"sample\tstep\tmisfit\terror\treadings\texpected\n")
+        let more = if form.columns.sd.is_some() { "\tignorance" } else { "" };
+        writeln!(output, "sample\tstep\tmisfit\terror\treadings\texpected{more}")
             .context("the misfits cannot be written")?;
         table.for_each(
             |piece, format| self.piece(piece, format, &form),
@@ -63,7 +81,7 @@ impl Comparison<'_> {
                 return Err(Flaw { line, problem });
             }
             let misfit = self.run(values, columns.sd.as_ref().map(|_| sds.as_slice()));
-            self.write_rows(sample, &misfit, &form.steps, &mut output);
+            self.write_rows(sample, &misfit, form, &mut output);
             values.clear();
             sds.clear();
             Ok(())
@@ -119,22 +137,38 @@ impl Comparison<'_> {
         Ok(output)
     }
 
-    fn write_rows(&self, sample: &str, run: &RunMisfit, steps: &[Vec<u8>], output: &mut Vec<u8>) {
+    fn write_rows(&self, sample: &str, run: &RunMisfit, form: &Form, output: &mut Vec<u8>) {
         let (readings, expected) =
             if self.covariance.is_noise { (0.0, run.expected) } else { (run.readings, 0.0) };
+        let steps = run.misfit.len() as f64;
+        let rows = if form.rows == MisfitRows::Runs { 1.0 } else { steps };
         let mut tail = Vec::new();
-        push_number(&mut tail, readings / run.misfit.len() as f64);
+        push_number(&mut tail, readings / rows);
         tail.push(b'\t');
-        push_number(&mut tail, expected / run.misfit.len() as f64);
+        push_number(&mut tail, expected / rows);
+        if form.columns.sd.is_some() {
+            tail.push(b'\t');
+            push_number(&mut tail, run.ignorance / rows);
+        }
         tail.push(b'\n');
-        for ((step, misfit), error) in steps.iter().zip(&run.misfit).zip(&run.error) {
+        let mut write_row = |step: &[u8], misfit: f64, error: f64| {
             output.extend_from_slice(sample.as_bytes());
             output.extend_from_slice(step);
-            push_number(output, *misfit);
+            push_number(output, misfit);
             output.push(b'\t');
-            push_number(output, *error);
+            push_number(output, error);
             output.push(b'\t');
             output.extend_from_slice(&tail);
+        };
+        match (form.rows, form.steps.last()) {
+            (MisfitRows::Runs, Some(last)) => {
+                write_row(last, run.misfit.iter().sum(), run.error.iter().sum::<f64>() / steps);
+            }
+            _ => {
+                for ((step, misfit), error) in form.steps.iter().zip(&run.misfit).zip(&run.error) {
+                    write_row(step, *misfit, *error);
+                }
+            }
         }
     }
 }

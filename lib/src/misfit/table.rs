@@ -24,6 +24,9 @@ pub struct Misfits {
     pub readings: Vec<f64>,
     /// Misfit of each run that the noise alone would make, shape (runs,); 0 where it is not known.
     pub expected: Vec<f64>,
+    /// An emulator's share of the variance of each run's readings, summed over them, shape (runs,); 0
+    /// for runs of the simulator.
+    pub ignorance: Vec<f64>,
 }
 
 /// What one piece of the table holds.
@@ -37,19 +40,22 @@ struct Piece {
     error: Vec<f64>,
     readings: Vec<f64>,
     expected: Vec<f64>,
+    ignorance: Vec<f64>,
 }
 
-/// What every row of a run ends with: its text, and its shares of the readings and the expected misfit.
+/// What every row of a run ends with: its text, and its shares of the readings, the expected misfit and
+/// the ignorance.
 #[derive(Clone, Copy, Default)]
 struct Tail<'a> {
     text: &'a str,
     readings: f64,
     expected: f64,
+    ignorance: f64,
 }
 
 impl Misfits {
-    /// Read misfit tables, `sample step misfit error` and optionally `readings` and `expected`,
-    /// as one.
+    /// Read misfit tables, `sample step misfit error` and optionally `readings`, `expected`
+    /// and `ignorance`, as one.
     ///
     /// Without a column `readings` each step counts as one reading. The misfits of the single steps are
     /// kept only for [`Misfits::total_up_to`], where `by_step` asks for it.
@@ -77,7 +83,7 @@ impl Misfits {
             format.column("misfit")?,
             format.column("error")?,
         ];
-        let optional = [format.find("readings")?, format.find("expected")?];
+        let optional = [format.find("readings")?, format.find("expected")?, format.find("ignorance")?];
         table.for_each(
             |piece, format| read_piece(piece, format, columns, optional),
             |piece| {
@@ -99,6 +105,7 @@ impl Misfits {
                     self.samples.push(sample);
                     self.readings.push(piece.readings[i]);
                     self.expected.push(piece.expected[i]);
+                    self.ignorance.push(piece.ignorance[i]);
                     self.total.push(piece.misfit[from..from + length].iter().sum());
                     let error: f64 = piece.error[from..from + length].iter().sum();
                     self.mean_error.push(error / length as f64);
@@ -136,7 +143,7 @@ fn read_piece(
     piece: &str,
     format: &Format,
     columns: [usize; 4],
-    [readings, expected]: [Option<usize>; 2],
+    [readings, expected, ignorance]: [Option<usize>; 3],
 ) -> Result<Piece, Flaw> {
     let [sample, step, misfit, error] = columns;
     let is_plain = format.is_tabbed() && format.columns().len() == 6;
@@ -166,6 +173,7 @@ fn read_piece(
         let (misfit, error) = (value(misfit)?, value(error)?);
         tail.readings = readings.map_or(Ok(1.0), value)?;
         tail.expected = expected.map_or(Ok(0.0), value)?;
+        tail.ignorance = ignorance.map_or(Ok(0.0), value)?;
         if is_plain {
             tail.text = row.splitn(5, '\t').nth(4).unwrap_or("");
         }
@@ -179,6 +187,7 @@ impl Piece {
         self.lengths.push(0);
         self.readings.push(0.0);
         self.expected.push(0.0);
+        self.ignorance.push(0.0);
     }
 
     /// Add a step to the last run.
@@ -190,6 +199,7 @@ impl Piece {
         self.lengths[last] += 1;
         self.readings[last] += tail.readings;
         self.expected[last] += tail.expected;
+        self.ignorance[last] += tail.ignorance;
     }
 
     /// Add a row that is written as the one before it: the same sample and the same tail.

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl::cli::note;
-use gl::filter::{Noise, Runs, Target, weigh};
+use gl::filter::{Noise, Runs, Target, weigh, weigh_emulated};
 use gl::misfit::Misfits;
 use gl::prior::{Parameter, Prior};
 use gl::proposal::{Proposal, ln_balance_heuristic};
@@ -45,7 +45,7 @@ struct Args {
     /// Weigh at this sigma; noise is the posterior itself
     #[arg(long, value_name = "S|noise")]
     sigma: Option<Sigma>,
-    /// Never go below this sigma
+    /// Never go below this sigma; noise takes what an emulator does not know into account
     #[arg(long, value_name = "S|noise", conflicts_with = "sigma")]
     sigma_min: Option<Sigma>,
     /// Sigma below which gl-check-stop is to stop; put into the summary
@@ -105,7 +105,14 @@ fn run(args: &Args) -> Result<()> {
     let noise = noise(&runs, &misfits, &values);
     let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
     let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
-    let weighting = weigh(&runs, target, args.sigma_min.map(|sigma| sigma.0), noise)?;
+    let floor = args.sigma_min.map(|sigma| sigma.0);
+    let is_emulated = misfits.ignorance.iter().any(|ignorance| *ignorance > 0.0);
+    let weighting = match (floor, noise) {
+        (Some(Target::Noise), Noise::Known) if is_emulated => {
+            weigh_emulated(&runs, target, &misfits.ignorance)?
+        }
+        _ => weigh(&runs, target, floor, noise)?,
+    };
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
     let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
     let evidence = Evidence {

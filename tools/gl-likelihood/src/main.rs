@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl::cli::note;
-use gl::misfit::{Comparison, Covariance, Scale};
+use gl::misfit::{Comparison, Covariance, MisfitRows, Scale};
 use gl::observations::{ByName, Observations, Steps};
 use gl::table::{Sink, open, source_name};
 
@@ -32,9 +32,15 @@ struct Args {
     /// Standard deviation of the measurement noise, as f=0.02; instead of --scale and --weights
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
+    /// Take this sigma for that of the noise, for example sigma_noise of a summary
+    #[arg(long, value_name = "S")]
+    sigma: Option<f64>,
     /// Steps to compare, from A up to but not including B
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
+    /// Write one row a run and not one a step: smaller, but without a history for gl-filter
+    #[arg(long)]
+    total: bool,
     /// Table of the ensemble; stdin when absent
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
     ensemble: PathBuf,
@@ -48,11 +54,15 @@ const EXAMPLE: &str = "Example:
 
 fn run(args: &Args) -> Result<()> {
     let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let covariance = covariance(args, &observations)?;
+    let mut covariance = covariance(args, &observations)?;
+    if let Some(sigma) = args.sigma {
+        covariance = covariance.at_sigma(sigma)?;
+    }
     let comparison = Comparison::new(&observations, covariance, args.steps.unwrap_or(Steps::ALL))?;
     let mut input = open(&args.ensemble)?;
     let mut output = Sink::create(args.output.as_deref())?;
-    comparison.stream(&source_name(&args.ensemble), &mut input, &mut output)?;
+    let rows = if args.total { MisfitRows::Runs } else { MisfitRows::Steps };
+    comparison.stream(&source_name(&args.ensemble), &mut input, &mut output, rows)?;
     output.finish()
 }
 
