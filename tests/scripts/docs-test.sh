@@ -35,6 +35,7 @@ commands_on_stop_criteria_run() { with_commands_of docs/stop-criteria.md; }
 commands_on_diagnosis_run() { with_commands_of docs/diagnosis.md; }
 commands_on_yade_scripts_run() { needs python3 python3; with_commands_of docs/yade-script.md; }
 commands_on_other_simulators_run() { with_commands_of docs/other-simulators.md; }
+commands_on_pictures_run() { with_commands_of docs/pictures-compared.md; }
 commands_on_grainlearning_run() { needs python3 python3; with_commands_of docs/coming-from-grainlearning.md; }
 
 links_of_the_pages_lead_somewhere() {
@@ -52,6 +53,24 @@ pages_name_keys_that_the_scripts_read() {
     for key in $(sed -n 's/^| \(`[A-Z_`, ]*\).*/\1/p' "$ROOT/docs/calibration.md" | tr -d '`,'); do
         grep -qw "$key" "$ROOT"/scripts/*.mk "$ROOT"/scripts/calibrate || { echo "$key is read nowhere"; return 1; }
     done
+}
+
+names_of_yade_in_the_pages_are_yades() {
+    needs yade yade
+    # shellcheck disable=SC2016  # backquotes are Markdown's
+    # The words between backquotes in the table for Yade of the page on effects: classes, and what they have.
+    awk '/^In Yade/ { on = 1 } /^In LAMMPS/ { on = 0 } on && /^\|/' "$ROOT/docs/candidate-effects.md" | grep -o '`[^`]*`' |
+        tr -d '`' | sed 's/=.*//; s/.*\.//' | sort -u >names
+    [ "$(wc -l <names)" -ge 20 ]
+    cat >look.py <<'END'
+names = open('names').read().split()
+classes = [globals()[name] for name in names if isinstance(globals().get(name), type)]
+classes += [Ip2_CohFrictMat_CohFrictMat_CohFrictPhys, Ip2_FrictMat_FrictMat_MindlinPhys, NewtonIntegrator]
+known = {one.__name__ for one in classes}.union(*(dir(one()) for one in classes))
+open('lacking', 'w').write(' '.join(name for name in names if name not in known) + '\n')
+END
+    yade -n -x look.py >log 2>&1
+    same "$(cat lacking)" ''
 }
 
 facts "$@"
