@@ -2,10 +2,8 @@
 # shellcheck source-path=SCRIPTDIR source=harness.sh
 . "$(dirname "$0")/harness.sh"
 
-# The commands of a page, in a copy of the project: its blocks that are marked ```sh run, one after another,
-# each from the top. What is built is taken as it is.
-with_commands_of() {
-    local blocks block
+# A copy of the project, in which what is built is taken as it is.
+with_project() {
     mkdir bin docs
     printf '#!/bin/sh\n' >bin/cargo
     chmod +x bin/cargo
@@ -13,18 +11,32 @@ with_commands_of() {
     mkdir -p target
     ln -s "${GL_BIN:-$ROOT/target/release}" target/release
     export PATH=$PWD/bin:$PWD/target/release:$PWD/scripts:$PATH
-    awk -v to="block" '
-        /^ *```/ { if (on) on = 0; else if ($0 ~ /^ *```sh run$/) { on = 1; file = sprintf("%s%02d.sh", to, ++count) } else if (!skip) skip = 1; else skip = 0; next }
+}
+
+# The commands of a page in such a copy: its blocks that are marked ```sh run, or ```sh run KIND where a kind is
+# asked for, one after another, each from the top. What they say stays in block01.out, …
+with_commands_of() {
+    local blocks block
+    with_project
+    awk -v to="block" -v kind="${2:+ $2}" '
+        /^ *```/ { if (on) on = 0; else if ($0 ~ "^ *```sh run" kind "$") { on = 1; file = sprintf("%s%02d.sh", to, ++count) } else if (!skip) skip = 1; else skip = 0; next }
         on { print >file }
     ' "$ROOT/$1"
     blocks=(block*.sh)
     [ -e "${blocks[0]}" ] || { echo "no command in $1"; return 1; }
     for block in "${blocks[@]}"; do
-        bash -euo pipefail "$block" >output 2>&1 || { cat "$block" output; return 1; }
+        bash -euo pipefail "$block" >"${block%.sh}.out" 2>&1 || { cat "$block" "${block%.sh}.out"; return 1; }
     done
 }
 
 commands_of_the_readme_run() { with_commands_of README.md; }
+the_demo_ends_with_a_verdict_and_a_picture() {
+    with_project
+    make demo >out.txt 2>&1
+    grep -q 'gl-check-stop: stop, by sigma_noise' out.txt
+    grep -q 'fit is drawn in out/demo-embedded/fit.png' out.txt
+    [ -s out/demo-embedded/fit.png ]
+}
 commands_of_the_tutorial_run() {
     with_commands_of docs/tutorial.md
     [ -s out/collision/report.html ] && [ -s out/contact-effects-diagnosis/report.html ]
@@ -34,7 +46,20 @@ commands_on_calibration_run() { with_commands_of docs/calibration.md; }
 commands_on_stop_criteria_run() { with_commands_of docs/stop-criteria.md; }
 commands_on_diagnosis_run() { with_commands_of docs/diagnosis.md; }
 commands_on_yade_scripts_run() { needs python3 python3; with_commands_of docs/yade-script.md; }
+commands_for_yade_run() { needs yade yade yade-batch; with_commands_of docs/yade-script.md yade; }
 commands_on_other_simulators_run() { with_commands_of docs/other-simulators.md; }
+commands_for_lammps_run() {
+    needs lammps lmp
+    with_commands_of docs/other-simulators.md lammps
+    same "$(grep -c _sim.txt block01.out)" 4
+}
+commands_on_clusters_run() {
+    with_slurm
+    with_commands_of docs/clusters.md slurm
+    grep -q 'controlling job' block01.out
+    same "$(find runs -name '*_sim.txt' | wc -l)" 8
+}
+commands_on_pictures_run() { with_commands_of docs/pictures-compared.md; }
 commands_on_grainlearning_run() { needs python3 python3; with_commands_of docs/coming-from-grainlearning.md; }
 
 links_of_the_pages_lead_somewhere() {
@@ -52,6 +77,24 @@ pages_name_keys_that_the_scripts_read() {
     for key in $(sed -n 's/^| \(`[A-Z_`, ]*\).*/\1/p' "$ROOT/docs/calibration.md" | tr -d '`,'); do
         grep -qw "$key" "$ROOT"/scripts/*.mk "$ROOT"/scripts/calibrate || { echo "$key is read nowhere"; return 1; }
     done
+}
+
+names_of_yade_in_the_pages_are_yades() {
+    needs yade yade
+    # shellcheck disable=SC2016  # backquotes are Markdown's
+    # The words between backquotes in the table for Yade of the page on effects: classes, and what they have.
+    awk '/^In Yade/ { on = 1 } /^In LAMMPS/ { on = 0 } on && /^\|/' "$ROOT/docs/candidate-effects.md" | grep -o '`[^`]*`' |
+        tr -d '`' | sed 's/=.*//; s/.*\.//' | sort -u >names
+    [ "$(wc -l <names)" -ge 20 ]
+    cat >look.py <<'END'
+names = open('names').read().split()
+classes = [globals()[name] for name in names if isinstance(globals().get(name), type)]
+classes += [Ip2_CohFrictMat_CohFrictMat_CohFrictPhys, Ip2_FrictMat_FrictMat_MindlinPhys, NewtonIntegrator]
+known = {one.__name__ for one in classes}.union(*(dir(one()) for one in classes))
+open('lacking', 'w').write(' '.join(name for name in names if name not in known) + '\n')
+END
+    yade -n -x look.py >log 2>&1
+    same "$(cat lacking)" ''
 }
 
 facts "$@"

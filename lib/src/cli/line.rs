@@ -77,7 +77,7 @@ fn write(text: &str) {
 }
 
 fn state(head: &str, done: usize, pieces: usize, elapsed: Duration) -> String {
-    let full = if pieces == 0 { 0 } else { CELLS * done.min(pieces) / pieces };
+    let full = (CELLS * done.min(pieces)).checked_div(pieces).unwrap_or(0);
     let bar = format!("{}{}", "#".repeat(full), ".".repeat(CELLS - full));
     let left = match done {
         0 => String::new(),
