@@ -37,7 +37,7 @@ STOP := $(call option,--sigma-tol,$(SIGMA_TOL)) $(call option,--error-tol,$(ERRO
 
 # 0 where a criterion says stop, 1 where it says go on.
 $(D)/stop.code: $(D)/weights.txt $(D)/posterior-weights.txt $(GIVEN)
-	@code=0; gl-check-stop $(STOP) -o $(D)/stop.txt $(D)/summary.txt 2>$(D)/.stop.log || code=$$?; \
+	@code=0; gl-check-stop $(STOP) --previous $(if $(PREVIOUS),$(PREVIOUS)/summary.txt,none) -o $(D)/stop.txt $(D)/summary.txt 2>$(D)/.stop.log || code=$$?; \
 	 [ $$code -lt 2 ] || { cat $(D)/.stop.log >&2; exit 2; }; \
 	 mv $(D)/.stop.log $(D)/stop.log; echo $$code >$(D)/.stop.code.part; mv $(D)/.stop.code.part $@
 

@@ -30,9 +30,22 @@ pub struct Criterion {
     pub is_met: bool,
 }
 
+/// What is known of the iteration before.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Previous {
+    /// It is not to be taken into account.
+    NotAsked,
+    /// There is none.
+    First,
+    /// What it said.
+    Iteration(Summary),
+}
+
 /// Check a summary against the tolerances. σ having come down to the noise is a reason of its own.
 ///
 /// * `iteration` — number of the present iteration, from 0.
+/// * `previous` — the iteration before. A noise that is estimated comes down as better runs are found:
+///   while it still falls, σ having come down to it is no reason to stop.
 ///
 /// # Errors
 /// If the summary lacks a quantity that a tolerance is for.
@@ -40,6 +53,7 @@ pub fn criteria(
     summary: &Summary,
     tolerances: &Tolerances,
     iteration: Option<usize>,
+    previous: &Previous,
 ) -> Result<Vec<Criterion>> {
     let quantity = |name: &str| -> Result<f64> {
         match summary.find_number(name)? {
@@ -62,7 +76,7 @@ pub fn criteria(
     if let Some(tolerance) = floor {
         let value = quantity("sigma")?;
         // Tempering that went below the noise, for want of a floor, has not come to rest on it.
-        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance;
+        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous)?;
         criteria.push(Criterion { name: "sigma_noise", value, tolerance, is_met });
     }
     if let Some(most) = tolerances.iterations {
@@ -73,6 +87,23 @@ pub fn criteria(
         criteria.push(Criterion { name: "iterations", value, tolerance, is_met: value >= tolerance });
     }
     Ok(criteria)
+}
+
+/// Share of its value before, below which an estimated noise is still falling.
+const SETTLED: f64 = 0.8;
+
+/// Whether the noise is known, or its estimate has not fallen since the iteration before.
+fn noise_is_settled(summary: &Summary, previous: &Previous) -> Result<bool> {
+    let is_known = summary.get("best_misfit_over_noise").is_some();
+    let noise = |summary: &Summary| summary.find_number("sigma_noise");
+    match previous {
+        _ if is_known => Ok(true),
+        Previous::NotAsked => Ok(true),
+        Previous::First => Ok(false),
+        Previous::Iteration(before) => {
+            Ok(noise(summary)?.zip(noise(before)?).is_some_and(|(now, then)| now >= SETTLED * then))
+        }
+    }
 }
 
 /// The best run misses by more than this share of the observables' range: the fit is bad.

@@ -163,3 +163,25 @@ fn a_stop_without_any_criterion_met_is_no_stop_and_bad_calls_are_errors() {
     folder.refuses("gl-check-stop --error-tol 1 other.txt", &["no quantity best_error"]);
     assert_eq!(folder.call("gl-check-stop other.txt", "").status.code(), Some(1));
 }
+
+/// The first iteration finds no good run, so its estimate of the noise is one of its ignorance.
+#[test]
+fn an_estimated_noise_that_still_falls_is_no_reason_to_stop() {
+    let folder = Folder::default();
+    let summary = |file: &str, noise: &str, more: &str| {
+        folder.write(file, &format!("quantity value\nsigma {noise}\nsigma_noise {noise}\n{more}"));
+    };
+    summary("first.txt", "0.3", "");
+    summary("second.txt", "0.002", "");
+    summary("third.txt", "0.0019", "");
+    summary("known.txt", "1", "best_misfit_over_noise 1.1\n");
+    for (call, code) in [
+        ("first.txt", 0),
+        ("--previous none first.txt", 1),
+        ("--previous first.txt second.txt", 1),
+        ("--previous second.txt third.txt", 0),
+        ("--previous none known.txt", 0),
+    ] {
+        assert_eq!(folder.call(&format!("gl-check-stop {call}"), "").status.code(), Some(code), "{call}");
+    }
+}

@@ -1,12 +1,12 @@
 //! Decide whether a calibration is done.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
 use gl::cli::note;
-use gl::stop::{Tolerances, criteria, doubts};
+use gl::stop::{Previous, Tolerances, criteria, doubts};
 use gl::summary::Summary;
 use gl::table::TableWriter;
 
@@ -31,6 +31,9 @@ struct Args {
     /// Number of this iteration, from 0
     #[arg(long, value_name = "I")]
     iteration: Option<usize>,
+    /// Summary of the iteration before, none for the first: go on while an estimated noise still falls
+    #[arg(long, value_name = "FILE|none")]
+    previous: Option<PathBuf>,
     /// Summary of gl-filter; stdin when absent
     #[arg(value_name = "SUMMARY", default_value = "-")]
     summary: PathBuf,
@@ -50,7 +53,12 @@ fn run(args: &Args) -> Result<bool> {
         error: args.error_tol,
         iterations: args.max_iterations,
     };
-    let criteria = criteria(&summary, &tolerances, args.iteration)?;
+    let previous = match args.previous.as_deref() {
+        None => Previous::NotAsked,
+        Some(path) if path == Path::new("none") => Previous::First,
+        Some(path) => Previous::Iteration(Summary::read(path)?),
+    };
+    let criteria = criteria(&summary, &tolerances, args.iteration, &previous)?;
     let mut table = TableWriter::create(args.output.as_deref(), &["criterion", "value", "tolerance", "met"])?;
     for criterion in &criteria {
         let met = if criterion.is_met { "yes" } else { "no" };
