@@ -94,7 +94,7 @@ a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
         calibrate "$ROOT/examples/collision" local lammps
     # Means, deviations and quantiles.
     paste embedded/posterior.txt lammps/posterior.txt | awk -F '\t' '
-        /^(mean|sd|q05|q95)[(]/ { rows++; if ($1 != $3 || ($2 / $4 - 1)^2 > 1e-16) { print; exit 1 } }
+        /^(mean|sd|q05|q95)[(]/ { rows++; if ($1 != $3 || ($2 / $4 - 1)^2 > 1e-8) { print; exit 1 } }
         END { if (rows != 8) exit 1 }'
 }
 
