@@ -233,8 +233,10 @@ torque_carries_a_calibration_too() {
     with_pbs
     export ENGINE=pbs FAKE_PBS_FLAVOUR=torque
     with_case
-    ends_with 0 submit case fit
+    PACKED=1 ends_with 0 submit case fit
     with_wait_for is_finished
+    # The controlling jobs, which have nothing of our environment, pack too.
+    compgen -G 'fit/iter2/runs/*_packed.txt'
     # Behind a job a task.
     grep -qE -- '-W depend=afterany(:[0-9]+.fake){4} ' pbs/calls
     with_tables_as_undisturbed
