@@ -224,7 +224,8 @@ fn packed_runs_killed_at_any_moment_end_with_the_bytes_of_loose_ones() {
     let loose = Folder::default();
     copy_case(&loose, "linear", &settings);
     finish(&mut calibrate(&loose, "local", "whole"));
-    let packed = survives("linear", "local", &[settings[0], settings[1], settings[2], ("PACKED", "1")], 20, 3);
+    let packed =
+        survives("linear", "local", &[settings[0], settings[1], settings[2], ("PACKED", "1")], 20, 3);
     assert_eq!(tables(&loose, "whole"), tables(&packed, "whole"));
 }
 
