@@ -169,7 +169,7 @@ fn a_stop_without_any_criterion_met_is_no_stop_and_bad_calls_are_errors() {
 fn an_estimated_noise_that_still_falls_is_no_reason_to_stop() {
     let folder = Folder::default();
     let summary = |file: &str, noise: &str, more: &str| {
-        folder.write(file, &format!("quantity value\nsigma {noise}\nsigma_noise {noise}\n{more}"));
+        folder.write(file, format!("quantity value\nsigma {noise}\nsigma_noise {noise}\n{more}"));
     };
     summary("first.txt", "0.3", "");
     summary("second.txt", "0.002", "");

@@ -273,8 +273,15 @@ pub fn verdict(stretches: &[Stretch], observations: &Observations) -> String {
             100.0 * share
         )
     };
-    let places: Vec<String> = places.iter().map(place).collect();
-    format!("The gap lies {}.", places.join(", and "))
+    // A sentence is read for where to look first; the table has the rest.
+    const TOLD: usize = 3;
+    let told: Vec<String> = places.iter().take(TOLD).map(place).collect();
+    let more = match places.len().saturating_sub(TOLD) {
+        0 => String::new(),
+        1 => ", and one further stretch".to_owned(),
+        more => format!(", and {more} further stretches"),
+    };
+    format!("The gap lies {}{more}.", told.join(", "))
 }
 
 /// A number to three digits.

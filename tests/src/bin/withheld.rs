@@ -67,8 +67,11 @@ fn run(args: &Args) -> Result<()> {
     }
 }
 
+/// A row of the table, and which cases it counts.
+type Group = (&'static str, fn(&Scored) -> bool);
+
 /// Groups of cases by what is behind them and how visible it is.
-const GROUPS: [(&str, fn(&Scored) -> bool); 10] = [
+const GROUPS: [Group; 10] = [
     ("none", |case| case.truth == "none"),
     ("one, visibility >= 1", |case| is_one(case) && case.visibility >= 1.0),
     ("one, 0.5 to 1", |case| is_one(case) && (0.5..1.0).contains(&case.visibility)),

@@ -38,12 +38,9 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Resul
         (name, Some(place)) => {
             let closes = shrink(problem, explanations, &explanations[place], seed)?;
             lines.push(format!("{name} explains it: probability {:.2}", first.probability));
-            lines.push(format!(
-                "adding it should close {} % ({} to {} %) of the gap",
-                percent(closes.median),
-                percent(closes.low),
-                percent(closes.high)
-            ));
+            let (low, high) = (percent(closes.low), percent(closes.high));
+            let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
+            lines.push(format!("adding it should close {} %{interval} of the gap", percent(closes.median)));
         }
     }
     if let Some(place) = first.explanation {
