@@ -25,6 +25,7 @@ demo: build
 	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w out/demo-$(ENGINE)/posterior-weights.txt \
 	 out/demo-$(ENGINE)/ensemble.txt -o out/demo-$(ENGINE)/fit.png
 	@echo; echo "The fit is drawn in out/demo-$(ENGINE)/fit.png, the tables stand beside it."
+	@echo "make report OUT=out/demo-$(ENGINE) puts all of it on a page; docs/tutorial.md goes on from here."
 
 ## make test                        everything: the library, the tools, the scripts, the engines that are here
 test: build
@@ -56,7 +57,7 @@ cancel:
 
 ## make report CASE=…               a calibration or diagnosis as one HTML file with its pictures
 report: build
-	@scripts/report-html $(CASE) $(ENGINE) $(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT))
+	@scripts/report-html $(CASE) $(ENGINE) $(if $(filter file,$(origin OUT)),$(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT)),$(OUT))
 
 ## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
 diagnose: OUT := out/$(notdir $(CASE))-diagnosis

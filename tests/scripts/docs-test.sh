@@ -36,6 +36,8 @@ the_demo_ends_with_a_verdict_and_a_picture() {
     grep -q 'gl-check-stop: stop, by sigma_noise' out.txt
     grep -q 'fit is drawn in out/demo-embedded/fit.png' out.txt
     [ -s out/demo-embedded/fit.png ]
+    make report OUT=out/demo-embedded >out.txt 2>&1
+    [ -s out/demo-embedded/report.html ]
 }
 commands_of_the_tutorial_run() {
     with_commands_of docs/tutorial.md

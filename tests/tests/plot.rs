@@ -356,6 +356,13 @@ fn an_attribution_has_a_bar_each_and_brackets_what_is_confounded() {
     for label in ["70 %", "75 %", "&lt; 0.1 %", "offset(q)"] {
         assert!(has_text(&svg, label), "{label}");
     }
+    folder.0.write("sure.txt", "hypothesis probability\nrolling+cohesion 1\nnone 0\n");
+    let narrow = folder.svg("attribution sure.txt --width 80");
+    let panel = narrow.split("<svg x=").nth(1).unwrap();
+    let label = narrow.split("<text ").find(|text| text.contains(">100 %<")).unwrap();
+    let number = |element: &str, name: &str| attribute(element, name).parse::<f64>().unwrap();
+    let left: f64 = panel.split('"').nth(1).unwrap().parse().unwrap();
+    assert!(number(label, "x") + number(label, "textLength") < left + number(panel, "width"));
     let few = folder.svg("attribution attribution.txt --most 2");
     assert!(has_text(&few, "2 further hypotheses together have 10 %"));
 }

@@ -123,8 +123,10 @@ impl Bars {
         let top = figure.y + 4.0;
         let rect = Rect::new(left, top, right, top + ROW * rows.len() as f64 + 4.0);
         // Room for the number at the end of a bar that goes all the way.
-        let span = Span { low: 0.0, high: 1.12, log: false };
-        let mut x = Axis::horizontal(span, Label::new(format!("probability of the {what}")), right - left);
+        let long = right - left;
+        let high = long / (long - font::width("100 %", SMALL) - 6.0).max(0.5 * long);
+        let span = Span { low: 0.0, high, log: false };
+        let mut x = Axis::horizontal(span, Label::new(format!("probability of the {what}")), long);
         x.ticks.retain(|(value, _)| *value <= 1.0);
         let y = Axis::bare(Span { low: 0.0, high: 1.0, log: false }, Label::default());
         let mut panel = Panel::new(format!("probability of each {what}"), rect, x, y).without_y_labels();

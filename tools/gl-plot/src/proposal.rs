@@ -108,8 +108,9 @@ impl Proposal {
             let label = format!("component {}: {:.0} %", k + 1, 100.0 * weight);
             legend.push((Key::Line(Paint::line(component_color(k), 1.0)), label));
         }
-        if weight.len() > shown {
-            let others = format!("{} more", weight.len() - shown);
+        let others = drawn.iter().skip(shown).filter(|drawn| **drawn).count();
+        if others > 0 {
+            let others = format!("{others} more");
             legend.push((Key::Line(Paint::line(component_color(shown), 1.0)), others));
         }
         if n > 1 {
