@@ -61,6 +61,12 @@ commands_on_clusters_run() {
     grep -q 'controlling job' block01.out
     same "$(find runs -name '*_sim.txt' | wc -l)" 8
 }
+commands_for_pbs_run() {
+    mkdir pbs
+    export FAKE_PBS=$PWD/pbs PATH=$ROOT/tests/scripts/fake-pbs:$PATH
+    with_commands_of docs/clusters.md pbs
+    same "$(find runs -name '*_sim.txt' | wc -l)" 4
+}
 commands_on_pictures_run() { with_commands_of docs/pictures-compared.md; }
 commands_on_grainlearning_run() { needs python3 python3; with_commands_of docs/coming-from-grainlearning.md; }
 
