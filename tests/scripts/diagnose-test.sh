@@ -9,7 +9,7 @@ with_parameters() {
 }
 
 # Whether column 2 and 3 of a row are these numbers.
-bounds() {
+with_bounds() {
     awk -v name="$2" -v low="$3" -v high="$4" '
         function near(a, b) { return (a > b ? a - b : b - a) <= 1e-5 * b }
         $1 == name { found = 1; if (!near($2, low) || !near($3, high)) { print; exit bad = 1 } }
@@ -23,9 +23,9 @@ a_design_lies_between_the_runs_that_fit_about_as_well_as_the_best() {
     printf 'sample a b c misfit weight\nr0 4 10 0 10 0\nr1 7 100 0 1 1\nr2 4 1000 0 9 0\nr3 1 1 0 9.1 0\n' >weights.txt
     awk -f "$ROOT/scripts/narrow.awk" params.txt weights.txt >box.txt
     # From 4 to 7 on, half as wide again.
-    bounds box.txt a 3.25 7.75
-    bounds box.txt b 56.2341 1778.28
-    bounds box.txt c 0 1
+    with_bounds box.txt a 3.25 7.75
+    with_bounds box.txt b 56.2341 1778.28
+    with_bounds box.txt c 0 1
     same "$(head -n 1 box.txt | tr '\t' ' ')" 'name lower upper scale effect off'
 }
 
@@ -33,8 +33,8 @@ a_design_keeps_a_quarter_of_the_prior_and_stays_inside_it() {
     with_parameters
     printf 'sample a b c misfit weight\nr0 9.5 100 0 1 1\nr1 1 9000 0 1000 0\n' >weights.txt
     awk -f "$ROOT/scripts/narrow.awk" params.txt weights.txt >box.txt
-    bounds box.txt a 8.25 10
-    bounds box.txt b 31.6228 316.228
+    with_bounds box.txt a 8.25 10
+    with_bounds box.txt b 31.6228 316.228
 }
 
 a_box_grows_where_a_hypothesis_leans_on_it_and_nowhere_else() {
@@ -42,9 +42,9 @@ a_box_grows_where_a_hypothesis_leans_on_it_and_nowhere_else() {
     printf 'name lower upper scale effect off\na 3 7 - - -\nb 10 100 log - -\nc 0 1 - extra 0\n' >box.txt
     printf 'hypothesis parameter mean sd q05 q95 lean\nnone a 3 1 3 4 -1\nextra b 9 1 9 9 1\nextra c 0 1 0 0 -1\nnone b 5 1 1 1 0\n' >posterior.txt
     awk -f "$ROOT/scripts/widen.awk" params.txt box.txt posterior.txt >wider.txt
-    bounds wider.txt a 0 7
-    bounds wider.txt b 10 1000
-    bounds wider.txt c 0 1
+    with_bounds wider.txt a 0 7
+    with_bounds wider.txt b 10 1000
+    with_bounds wider.txt c 0 1
     sed -i 's/ -\{0,1\}1$/ 0/' posterior.txt
     awk -f "$ROOT/scripts/widen.awk" params.txt box.txt posterior.txt | tr '\t' ' ' | cmp - box.txt
 }
