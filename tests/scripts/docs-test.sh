@@ -47,6 +47,7 @@ commands_on_tables_run() { with_commands_of docs/tables.md; }
 commands_on_calibration_run() { with_commands_of docs/calibration.md; }
 commands_on_stop_criteria_run() { with_commands_of docs/stop-criteria.md; }
 commands_on_diagnosis_run() { with_commands_of docs/diagnosis.md; }
+commands_on_accuracy_run() { with_commands_of docs/diagnosis-accuracy.md; }
 commands_on_yade_scripts_run() { needs python3 python3; with_commands_of docs/yade-script.md; }
 commands_for_yade_run() { needs yade yade yade-batch; with_commands_of docs/yade-script.md yade; }
 commands_on_other_simulators_run() { with_commands_of docs/other-simulators.md; }
