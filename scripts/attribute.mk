@@ -5,7 +5,6 @@
 # appears whole or not at all. scripts/attribute calls this for R = 0, 1, …
 
 SCRIPTS := $(dir $(lastword $(MAKEFILE_LIST)))
-include $(CASE)/case.env
 include $(SCRIPTS)columns.mk
 
 R ?= 0

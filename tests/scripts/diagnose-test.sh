@@ -61,6 +61,14 @@ a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     awk -F '\t' '$1 == "all" { found = $5 > 0.5 } END { exit !found }' made/shrink-unseen.txt
 }
 
+settings_of_the_environment_win_in_the_design_too() {
+    cp -r "$ROOT/examples/contact-effects" case
+    sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
+    echo DESIGN_NUM=90 >>case/case.env
+    DESIGN_NUM=60 make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made made/attribution.txt >log 2>&1
+    same "$(wc -l <made/design/round0/samples.txt)" 61
+}
+
 a_diagnosis_goes_on_where_it_was() {
     cp -r "$ROOT/examples/contact-effects" case
     sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
