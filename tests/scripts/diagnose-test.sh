@@ -66,7 +66,23 @@ settings_of_the_environment_win_in_the_design_too() {
     sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
     echo DESIGN_NUM=90 >>case/case.env
     DESIGN_NUM=60 make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made made/attribution.txt >log 2>&1
-    same "$(wc -l <made/design/round0/samples.txt)" 61
+    # Three fifths in the first round, and the others last.
+    same "$(wc -l <made/design/round0/samples.txt)" 37
+    same "$(find made/design -name samples.txt -path '*round*' -print0 | sort -z | tail -z -n 1 | xargs -0 cat | wc -l)" 25
+}
+
+the_last_runs_of_a_design_lie_where_the_first_ones_point() {
+    cp -r "$ROOT/examples/contact-effects" case
+    sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
+    make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made DESIGN_NUM=100 made/attribution.txt >log 2>&1
+    spread() {
+        awk '$1 == "description" { for (j = 1; j <= NF; j++) if ($j == "E_m") at = j; next }
+            { n++; sum += $at; squares += $at * $at }
+            END { printf "%.9f", sqrt(squares / n - (sum / n) ^ 2) }' "$1"
+    }
+    last=$(find made/design -name next.txt | sort | tail -n 2 | head -n 1)
+    awk -v first="$(spread made/design/round0/samples.txt)" -v last="$(spread "$last")" 'BEGIN { exit !(last < 0.7 * first) }'
+    same "$(($(wc -l <made/design/samples.txt) - 1))" "$(cut -f 1 made/design/ensemble.txt | sort -u | grep -vc '^sample$')"
 }
 
 a_diagnosis_goes_on_where_it_was() {
@@ -75,7 +91,7 @@ a_diagnosis_goes_on_where_it_was() {
     made() { make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made DESIGN_NUM=60 made/report.md; }
     made >log 2>&1
     cp made/attribution.txt first.txt
-    rm made/attribution.txt made/design/ensemble.txt made/design/round0/attribution.txt
+    rm made/attribution.txt made/design/ensemble.txt made/design/round*/attribution.txt
     touch marker
     made >log 2>&1
     cmp first.txt made/attribution.txt

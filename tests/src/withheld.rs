@@ -5,6 +5,7 @@
 
 pub mod bench;
 pub mod diagnose;
+pub mod exact;
 pub mod fit;
 pub mod generate;
 pub mod score;

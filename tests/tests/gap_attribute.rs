@@ -185,6 +185,23 @@ fn probabilities_of_effects_sum_those_of_hypotheses() {
 }
 
 #[test]
+fn the_next_runs_lie_where_the_hypotheses_in_question_put_the_parameters() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.rows(&["--noise", "y=0.01", "--next-out", "next.txt", "--next", "40", "--name", "more"]);
+    let next = Samples::read(&case.path("next.txt")).unwrap();
+    assert_eq!((next.len(), next.names[0].as_str()), (40, "more_Iter1_Sample00"));
+    assert_eq!(next.parameters, ["a", "bend", "kink"]);
+    // Bending is in all of them but those of rivals; what is in is near the truth, what is out is off.
+    let bent: Vec<&Vec<f64>> = next.values.iter().filter(|run| run[1] > 0.0 && run[2] == 0.0).collect();
+    assert!(bent.len() > 20, "{:?}", next.values);
+    assert!(bent.iter().all(|run| (run[0] - 1.4).abs() < 0.1 && (run[1] - 0.9).abs() < 0.15), "{bent:?}");
+    assert!(next.values.iter().all(|run| (1.0..=2.0).contains(&run[0])));
+    case.rows(&["--noise", "y=0.01", "--next-out", "default.txt"]);
+    assert_eq!(Samples::read(&case.path("default.txt")).unwrap().len(), 30);
+    case.refused(&["--noise", "y=0.01", "--next-out", "none.txt", "--next", "0"], &["--next 0"]);
+}
+
+#[test]
 fn the_self_check_finds_what_is_in_the_runs() {
     let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     let output = case.run(&["--noise", "y=0.01", "--self-check", "10"]);

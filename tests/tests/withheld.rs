@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use pipelines::withheld::bench::Bench;
+use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{Scored, Share, calibration_error, of_effects, read};
 use pipelines::withheld::{diagnose, generate};
 
@@ -11,7 +12,8 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::named("contact").unwrap();
     generate::generate(&bench, 30, 5, dir.path()).unwrap();
-    diagnose::diagnose(&bench, 25, 5, dir.path()).unwrap();
+    let how = How { runs: 25, in_two_rounds: true, exact: false, seed: 5 };
+    diagnose::diagnose(&bench, how, dir.path()).unwrap();
     let cases = read(dir.path()).unwrap();
     let share = |choose: &dyn Fn(&Scored) -> bool, so: &dyn Fn(&Scored) -> bool| {
         Share::count(cases.iter().filter(|case| choose(case)), so)

@@ -29,6 +29,7 @@ pub mod marginals;
 pub mod measurement;
 pub mod mode;
 pub mod model;
+pub mod next_runs;
 pub mod path;
 pub mod predictor;
 pub mod problem;

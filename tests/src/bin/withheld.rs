@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use gl::table::TableWriter;
 use pipelines::withheld::bench::Bench;
+use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, of_effects, of_first_rows, read, reliability, shrink_coverage,
 };
@@ -44,6 +45,12 @@ enum Step {
         /// Runs of the design, an input
         #[arg(long, default_value_t = 25)]
         runs: usize,
+        /// Make them all at once, and none where the first ones ask for them
+        #[arg(long)]
+        one_round: bool,
+        /// Predict with the world itself, not with an emulator: the best that any emulator could do
+        #[arg(long)]
+        exact: bool,
         /// Seed of the design
         #[arg(long, default_value_t = 1)]
         seed: u64,
@@ -60,8 +67,9 @@ fn run(args: &Args) -> Result<()> {
         Step::Generate { world, dir, num, seed } => {
             generate::generate(&Bench::named(world)?, *num, *seed, dir)
         }
-        Step::Diagnose { world, dir, runs, seed } => {
-            diagnose::diagnose(&Bench::named(world)?, *runs, *seed, dir)
+        Step::Diagnose { world, dir, runs, one_round, exact, seed } => {
+            let how = How { runs: *runs, in_two_rounds: !one_round, exact: *exact, seed: *seed };
+            diagnose::diagnose(&Bench::named(world)?, how, dir)
         }
         Step::Score { dir } => score(&read(dir)?),
     }

@@ -128,9 +128,24 @@ impl Bench {
         seed: u64,
     ) -> Result<(Samples, Ensemble)> {
         let prior = self.prior_without(without);
-        let inputs = prior.parameters().len();
-        let count = runs_an_input * inputs;
+        let count = runs_an_input * prior.parameters().len();
         let values = design::draw(&prior, &Effects::Switch, Method::Halton, count, seed, true)?;
+        self.run(&prior, values, scatter, 0, seed)
+    }
+
+    /// Run samples of a prior, which may lack some effects: an iteration of a design. With `scatter` every
+    /// run is of another specimen.
+    ///
+    /// # Errors
+    /// If a run fails.
+    pub fn run(
+        &self,
+        prior: &Prior,
+        values: Vec<Vec<f64>>,
+        scatter: bool,
+        iteration: usize,
+        seed: u64,
+    ) -> Result<(Samples, Ensemble)> {
         let factor = factor(&self.world.path());
         let curves = values
             .par_iter()
@@ -147,7 +162,7 @@ impl Bench {
                 Ok(if scatter { scattered(&curves, &factor, &mut random) } else { curves })
             })
             .collect::<Result<Vec<_>>>()?;
-        let names = sample_names(self.name, 0, count)?;
+        let names = sample_names(self.name, iteration, values.len())?;
         let empty = self.observations("design", vec![Vec::new(); self.world.observables().len()]);
         let mut ensemble = Ensemble::new(&empty, false);
         for (name, curves) in names.iter().zip(&curves) {

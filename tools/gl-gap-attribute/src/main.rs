@@ -1,5 +1,6 @@
 //! Say which effect, if any, explains the gap between a simulation and a measurement.
 
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -9,12 +10,13 @@ use gl::ensemble::Ensemble;
 use gl::gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
 use gl::gap::attribute::marginals::{Marginal, marginals};
 use gl::gap::attribute::measurement::Kind;
+use gl::gap::attribute::next_runs::next_runs;
 use gl::gap::attribute::problem::Problem;
 use gl::gap::attribute::self_check::{Design, self_check, summary};
 use gl::gap::attribute::verdict::verdict;
 use gl::observations::{ByName, Observations};
 use gl::prior::Prior;
-use gl::samples::Samples;
+use gl::samples::{Samples, sample_names};
 use gl::table::TableWriter;
 
 /// Say which effect, if any, explains the gap between a simulation and a measurement.
@@ -64,6 +66,22 @@ struct Args {
     /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
     #[arg(long, value_name = "FILE")]
     posterior_out: Option<PathBuf>,
+    /// Also write the samples to run next, which would teach the emulator most about this measurement:
+    /// from the posteriors of all hypotheses that are not out of the question
+    #[arg(long, value_name = "FILE")]
+    next_out: Option<PathBuf>,
+    /// Number of samples to run next; 10 for each parameter when absent
+    #[arg(long, value_name = "N", requires = "next_out")]
+    next: Option<usize>,
+    /// First part of the names of the samples to run next, <NAME>_Iter<i>_Sample<j>
+    #[arg(long, default_value = "next", requires = "next_out")]
+    name: String,
+    /// Iteration number in those names
+    #[arg(long, value_name = "I", default_value_t = 1, requires = "next_out")]
+    iteration: usize,
+    /// Threads a run, written as !OMP_NUM_THREADS for yade-batch
+    #[arg(long, value_name = "T", requires = "next_out")]
+    threads: Option<NonZeroUsize>,
     /// Call N runs of the design the measurement in turn, and say how often what is in them is found
     #[arg(long, value_name = "N")]
     self_check: Option<usize>,
@@ -97,6 +115,7 @@ const LIKELY: f64 = 0.01;
 
 fn run(args: &Args) -> Result<()> {
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
+    ensure!(args.next != Some(0), "--next 0: run at least one sample next");
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
@@ -127,6 +146,10 @@ fn run(args: &Args) -> Result<()> {
     }
     if let Some(path) = &args.posterior_out {
         write_posteriors(path, &problem, &diagnosis)?;
+    }
+    if let Some(path) = &args.next_out {
+        let count = args.next.unwrap_or(10 * prior.parameters().len());
+        write_next(path, count, args, &problem, &diagnosis)?;
     }
     for line in verdict(&problem, &diagnosis, args.seed)? {
         note(line);
@@ -192,6 +215,19 @@ fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -
         }
     }
     table.finish()
+}
+
+fn write_next(
+    path: &Path,
+    count: usize,
+    args: &Args,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+) -> Result<()> {
+    let names = sample_names(&args.name, args.iteration, count)?;
+    let values = next_runs(problem, &diagnosis.attribution.explanations, count, args.seed)?;
+    Samples { source: "samples".to_owned(), names, parameters: problem.prior.names(), values }
+        .write(Some(path), args.threads.map(NonZeroUsize::get))
 }
 
 fn note(message: impl std::fmt::Display) {

@@ -73,6 +73,11 @@ impl<'a> Model<'a> {
         Self { problem, free, measured, rest, discrepancy }
     }
 
+    /// Positions in the prior of the simulation's parameters that vary; they come first.
+    pub fn simulated_parameters(&self) -> &[usize] {
+        &self.free
+    }
+
     /// Number of parameters that move the curve.
     pub fn curve_parameters(&self) -> usize {
         self.free.len() + self.measured.len()
