@@ -12,6 +12,12 @@ PATH=$PATH:$HERE/../target/release:$HERE/../../../bin
 say() { printf '%s: %s\n' "$ME" "$*" >&2; }
 die() { say "$*"; exit 2; }
 
+# put FILE: standard input into FILE, which keeps its time if it is the same already.
+put() {
+    cat >"$1.part"
+    if cmp -s "$1.part" "$1"; then rm "$1.part"; else mv "$1.part" "$1"; fi
+}
+
 # The comment at the top of the script that was called.
 usage() { sed -n '2,/^$/s/^# \{0,1\}//p' "$0"; }
 

@@ -9,7 +9,7 @@ use gl::table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{
-    Scored, Share, calibration_error, of_effects, of_first_rows, read, reliability, shrink_coverage,
+    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read, reliability, shrink_coverage,
 };
 use pipelines::withheld::{diagnose, generate};
 
@@ -151,7 +151,9 @@ fn score(cases: &[Scored]) -> Result<()> {
     ];
     for (name, statements) in &statements {
         let error = calibration_error(statements);
-        count(&format!("{name}: calibration error {error:.3}"), Share { of: 0, all: statements.len() })?;
+        let chance = calibration_error_by_chance(statements);
+        let title = format!("{name}: calibration error {error:.3}, by chance {chance:.3}");
+        count(&title, Share { of: 0, all: statements.len() })?;
         for (stated, came) in reliability(statements) {
             count(&format!("{name}: stated {stated:.2}"), came)?;
         }

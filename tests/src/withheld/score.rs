@@ -4,6 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use gl::table::Table;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 /// A verdict beside its answer.
 #[derive(Clone, Debug)]
@@ -160,6 +162,19 @@ pub fn calibration_error(statements: &[Statement]) -> f64 {
         .iter()
         .map(|(stated, came)| (stated - came.value()).abs() * came.all as f64 / statements.len() as f64)
         .sum()
+}
+
+/// The calibration error that as many statements would have by chance alone if every one of them came true
+/// with exactly the probability stated: mean over draws.
+pub fn calibration_error_by_chance(statements: &[Statement]) -> f64 {
+    const DRAWS: usize = 1000;
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let drawn = |_| {
+        let came: Vec<Statement> =
+            statements.iter().map(|&(stated, _)| (stated, random.random::<f64>() < stated)).collect();
+        calibration_error(&came)
+    };
+    (0..DRAWS).map(drawn).sum::<f64>() / DRAWS as f64
 }
 
 /// How often the predicted interval of the shrink holds, where the right effects come first.
