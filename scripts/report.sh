@@ -1,12 +1,17 @@
 # shellcheck shell=bash
-# What both reports say, as tables of tabs and as sentences. Sourced, with CASE, ENGINE and here set.
+# What both reports say, as tables of tabs and as sentences. Sourced, with CASE, ENGINE, OUT and here set.
 
 # Where no tools are in PATH: those that were built or installed with this script.
 # shellcheck disable=SC2154  # here is set by the script that sources this
 PATH=$PATH:$here/../target/release:$here/../../../bin
 
-# setting KEY: its value in case.env.
-setting() { sed -n "s/^$1=//p" "$CASE/case.env" | tail -n 1; }
+# setting KEY: the value that the calibration had, of the environment or of case.env.
+setting() {
+    local table
+    for table in "$CASE/case.env" "$OUT/settings.env" "$OUT/base/settings.env"; do
+        [ ! -e "$table" ] || sed -n "s/^$1=//p" "$table"
+    done | tail -n 1
+}
 
 # measured NAMES: what the measurement calls these columns.
 measured() { tr ',' '\n' <<<"$1" | sed 's/=.*//' | paste -sd ,; }

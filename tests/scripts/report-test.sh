@@ -135,8 +135,11 @@ a_diagnosis_becomes_one_file_with_its_pictures() {
     needs python3 python3
     cp -r "$ROOT/examples/contact-effects" case
     sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
-    make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made DESIGN_NUM=60 made/report.md >log 2>&1
+    make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made SEED=3 DESIGN_NUM=60 made/report.md >log 2>&1
     report-html case embedded made >log
+    # What the call set, case.env does not.
+    grep -q 'seed 3' made/report.md
+    grep -q 'Seed 3' made/report.html
     grep -q 'make diagnose CASE=case ENGINE=embedded OUT=made' made/report.html
     # One more for the fit with the effect in, if one was found.
     with_everything_in made/report.html $((9 + $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
