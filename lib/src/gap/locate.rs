@@ -117,15 +117,19 @@ impl Problem {
 
         let mut found: Vec<Interval> = Vec::new();
         let mut searched = precision.clone();
-        while found.len() < MOST_INTERVALS {
-            let Some((interval, z)) = searched.most_deviant(&gap, &self.cuts) else { break };
+        let is_all_found = loop {
+            let Some((interval, z)) = searched.most_deviant(&gap, &self.cuts) else { break true };
             if z <= threshold {
-                break;
+                break true;
+            }
+            if found.len() == MOST_INTERVALS {
+                break false;
             }
             searched.set_free(&interval);
             found.push(interval);
-        }
-        let stretches = self.stretches(&precision, &noises, &found, &gap, threshold);
+        };
+        // Where more would have been found, what lies between those that were may have a gap as well.
+        let stretches = self.stretches(&precision, &noises, &found, is_all_found, &gap, threshold);
         Ok(self.with_shares(stretches, &noises))
     }
 
@@ -157,6 +161,7 @@ impl Problem {
         precision: &Precision,
         noises: &[Noise],
         found: &[Interval],
+        is_all_found: bool,
         gap: &[f64],
         threshold: f64,
     ) -> Vec<Stretch> {
@@ -202,7 +207,7 @@ impl Problem {
                     gap_sd: mean.sd,
                     z,
                     share: 0.0,
-                    significant: inside && stands_out,
+                    significant: (inside || !is_all_found) && stands_out,
                 }
             })
             .collect()
@@ -381,6 +386,17 @@ mod tests {
         assert!((total - 1.0).abs() < 1e-12, "{total}");
         let largest = stretches.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap();
         assert!(largest.significant && largest.observable == 0 && largest.share > 0.7, "{largest:?}");
+    }
+
+    #[test]
+    fn a_gap_of_more_intervals_than_are_looked_for_is_significant_all_along() {
+        let mut gap = none();
+        for (t, gap) in gap.iter_mut().flatten().enumerate() {
+            *gap = if t / 2 % 2 == 0 { 12.0 } else { 24.0 };
+        }
+        let stretches = located(5, &gap, 0.0, 3000, true);
+        let clear: Vec<&Stretch> = stretches.iter().filter(|stretch| stretch.z > 5.0).collect();
+        assert!(clear.len() > 12 && clear.iter().all(|stretch| stretch.significant), "{stretches:?}");
     }
 
     #[test]
