@@ -54,7 +54,7 @@ const SMALL: f64 = 0.15;
 
 /// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
 /// the normal distribution.
-static HEAVY_TAILS: std::sync::LazyLock<f64> = std::sync::LazyLock::new(|| std::env::var("GL_HEAVY").ok().and_then(|v| v.parse().ok()).unwrap_or(4.0));
+const HEAVY_TAILS: f64 = 2.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
             let diagonal: Vec<f64> = noise
                 .iter()
                 .zip(predictor.left_over())
-                .map(|(sd, rest)| sd * sd + *HEAVY_TAILS * rest)
+                .map(|(sd, rest)| sd * sd + HEAVY_TAILS * rest)
                 .collect();
             Covariance::new(&diagonal, &patterns, &correlation)
         });
@@ -146,9 +146,9 @@ impl<'a> Problem<'a> {
     /// what the components leave out, shape (readings, components + readings).
     pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
         let variance: Vec<f64> =
-            component_variance.iter().map(|variance| *HEAVY_TAILS * variance.max(0.0)).collect();
+            component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
         let rest: Vec<f64> =
-            self.predictor.left_over().iter().map(|rest| (*HEAVY_TAILS * rest).sqrt()).collect();
+            self.predictor.left_over().iter().map(|rest| (HEAVY_TAILS * rest).sqrt()).collect();
         self.factor(&variance, &rest)
     }
 
@@ -199,7 +199,7 @@ impl<'a> Problem<'a> {
                     .left_over()
                     .iter()
                     .enumerate()
-                    .map(|(i, rest)| *HEAVY_TAILS * rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
+                    .map(|(i, rest)| HEAVY_TAILS * rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
                     .collect();
                 estimated = Covariance::new(&diagonal, &self.patterns, &self.correlation);
                 &estimated
@@ -208,7 +208,7 @@ impl<'a> Problem<'a> {
         let mut variances: Vec<f64> = component_variance
             .iter()
             .zip(&self.component_scatter)
-            .map(|(variance, scatter)| *HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
+            .map(|(variance, scatter)| HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
             .collect();
         for j in 0..self.ranges.len() {
             let unit = self.spread(j, noise).powi(2);
