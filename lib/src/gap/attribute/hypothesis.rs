@@ -54,10 +54,11 @@ pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
 
 /// Natural logarithm of the prior odds of a hypothesis against `none`.
 ///
-/// Every effect is in with the same odds of one to the number of candidates, so that one effect is as
-/// likely beforehand as none, and every further one less likely.
+/// Every effect is in with the same odds, two to the number of candidates and at most one: who asks has seen
+/// a gap, so that one effect of many is twice as likely beforehand as none, and every further one less
+/// likely.
 pub fn ln_prior_odds(hypothesis: &[usize], candidates: usize) -> f64 {
-    -(hypothesis.len() as f64) * (candidates.max(2) as f64).ln()
+    -(hypothesis.len() as f64) * (candidates.max(2) as f64 / 2.0).ln()
 }
 
 #[cfg(test)]
