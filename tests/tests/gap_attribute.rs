@@ -202,6 +202,16 @@ fn the_next_runs_lie_where_the_hypotheses_in_question_put_the_parameters() {
 }
 
 #[test]
+fn an_emulator_that_is_too_uncertain_for_the_noise_asks_for_runs() {
+    let said = |runs: usize, noise: &str| {
+        let output = Case::new(runs, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0).run(&["--noise", noise]);
+        String::from_utf8_lossy(&output.stderr).contains("--next-out")
+    };
+    assert!(said(12, "y=0.005"));
+    assert!(!said(75, "y=0.01"));
+}
+
+#[test]
 fn the_self_check_finds_what_is_in_the_runs() {
     let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     let output = case.run(&["--noise", "y=0.01", "--self-check", "10"]);

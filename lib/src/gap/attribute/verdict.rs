@@ -2,13 +2,29 @@
 
 use anyhow::Result;
 
+use crate::gap::attribute::attribution::Explanation;
 use crate::gap::attribute::confounding::difference;
 use crate::gap::attribute::diagnosis::{Diagnosis, shrink};
 use crate::gap::attribute::marginals::marginals;
+use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.9;
+
+/// Above this share of noise and scatter what the emulator does not know widens a verdict.
+const IGNORANT: f64 = 0.5;
+
+/// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
+/// units of noise and scatter.
+fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
+    let model = Model::new(problem, &explanation.hypothesis, false);
+    let w = explanation.evidence.modes[0].w.as_slice();
+    let (noise, _) = model.nuisances(w);
+    let errors = problem.emulator_errors(&model.curve(w).variance);
+    let square = |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &noise).powi(2);
+    ((0..errors.nrows()).map(square).sum::<f64>() / errors.nrows() as f64).sqrt()
+}
 
 /// The verdict, one sentence or two an item.
 ///
@@ -49,6 +65,12 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Resul
             let side = if marginal.lean < 0 { "lower" } else { "upper" };
             lines.push(format!("{} leans on its {side} bound: the truth may lie outside", marginal.name));
         }
+    }
+    let ignorance = ignorance(problem, &explanations[first.explanation.unwrap_or(0)]);
+    if ignorance > IGNORANT {
+        lines.push(format!(
+            "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
+        ));
     }
     let second = &diagnosis.rows[1];
     if first.probability < SETTLED {
