@@ -54,11 +54,13 @@ pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
 
 /// Natural logarithm of the prior odds of a hypothesis against `none`.
 ///
-/// Every effect is in with the same odds, two to the number of candidates and at most one: who asks has seen
-/// a gap, so that one effect of many is twice as likely beforehand as none, and every further one less
-/// likely.
+/// Who asks has seen a gap: that one of the candidates is at work is twice as likely beforehand as that none
+/// is, each as likely as the others. Every further one is in with odds of one to the number of candidates.
 pub fn ln_prior_odds(hypothesis: &[usize], candidates: usize) -> f64 {
-    -(hypothesis.len() as f64) * (candidates.max(2) as f64 / 2.0).ln()
+    if hypothesis.is_empty() {
+        return 0.0;
+    }
+    std::f64::consts::LN_2 - hypothesis.len() as f64 * (candidates.max(2) as f64).ln()
 }
 
 #[cfg(test)]
@@ -71,5 +73,19 @@ mod tests {
         assert_eq!(sets, [vec![], vec![0], vec![1], vec![2], vec![0, 1], vec![0, 2], vec![1, 2]]);
         assert_eq!(hypotheses(5, 5).len(), 32);
         assert_eq!(hypotheses(1, 2).len(), 2);
+    }
+
+    #[test]
+    fn one_of_the_candidates_is_twice_as_likely_as_none_and_two_less_than_one() {
+        for count in [2, 5, 12] {
+            let of_size = |size: usize| {
+                let sets = hypotheses(count, 2);
+                let odds =
+                    sets.iter().filter(|set| set.len() == size).map(|set| ln_prior_odds(set, count).exp());
+                odds.sum::<f64>()
+            };
+            assert!((of_size(0) - 1.0).abs() < 1e-12 && (of_size(1) - 2.0).abs() < 1e-12);
+            assert!(of_size(2) < of_size(1), "{count}");
+        }
     }
 }
