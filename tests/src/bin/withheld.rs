@@ -9,7 +9,8 @@ use gl::table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{
-    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read, reliability, shrink_coverage,
+    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
+    reliability, shrink_coverage,
 };
 use pipelines::withheld::{diagnose, generate};
 
@@ -55,10 +56,11 @@ enum Step {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// Hold DIR/verdicts.tsv against DIR/sealed/answers.tsv
+    /// Hold DIR/verdicts.tsv against DIR/sealed/answers.tsv, those of several folders together
     Score {
         /// Where they are
-        dir: PathBuf,
+        #[arg(required = true)]
+        dirs: Vec<PathBuf>,
     },
 }
 
@@ -71,7 +73,10 @@ fn run(args: &Args) -> Result<()> {
             let how = How { runs: *runs, in_two_rounds: !one_round, exact: *exact, seed: *seed };
             diagnose::diagnose(&Bench::named(world)?, how, dir)
         }
-        Step::Score { dir } => score(&read(dir)?),
+        Step::Score { dirs } => {
+            let cases = dirs.iter().map(|dir| read(dir)).collect::<Result<Vec<_>>>()?;
+            score(&cases.concat())
+        }
     }
 }
 

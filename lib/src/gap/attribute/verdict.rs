@@ -22,7 +22,8 @@ fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
     let w = explanation.evidence.modes[0].w.as_slice();
     let (noise, _) = model.nuisances(w);
     let errors = problem.emulator_errors(&model.curve(w).variance);
-    let square = |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &noise).powi(2);
+    let square =
+        |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &noise).powi(2);
     ((0..errors.nrows()).map(square).sum::<f64>() / errors.nrows() as f64).sqrt()
 }
 
