@@ -14,7 +14,8 @@
 //!    measurement cannot tell apart, [`closure`] how far the gap should close, [`marginals`] what is known
 //!    of the parameters then.
 //! 5. For a user. [`diagnosis`] goes from tables to a table, [`verdict`] to a few sentences;
-//!    [`self_check`] does so for runs of the design, whose cause is known.
+//!    [`next_runs`] says where further runs would teach the emulator most; [`self_check`] diagnoses runs of the
+//!    design, whose cause is known.
 
 pub mod adequacy;
 pub mod attribution;

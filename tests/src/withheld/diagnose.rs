@@ -8,7 +8,7 @@ use gl::emulator::Emulator;
 use gl::ensemble::Ensemble;
 use gl::gap::attribute::closure::Shrink;
 use gl::gap::attribute::diagnosis;
-use gl::gap::attribute::diagnosis::{emulate, shrink};
+use gl::gap::attribute::diagnosis::{Diagnosis, emulate, shrink};
 use gl::gap::attribute::hypothesis::Candidate;
 use gl::gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl::gap::attribute::next_runs::next_runs;
@@ -24,14 +24,6 @@ use super::bench::Bench;
 use super::exact::Exact;
 use super::generate::KINDS;
 
-/// What cases with the same candidates of the simulation, and the same specimens, share.
-struct Design {
-    prior: Prior,
-    samples: Samples,
-    ensemble: Ensemble,
-    emulator: Emulator,
-}
-
 /// How every case is diagnosed.
 #[derive(Clone, Copy, Debug)]
 pub struct How {
@@ -46,88 +38,133 @@ pub struct How {
     pub seed: u64,
 }
 
-/// Read `DIR/cases` and write `DIR/verdicts.tsv`. The emulator of a design is trained once for all
-/// cases with the same candidates.
+impl How {
+    /// Runs of the first round, an input of the emulator.
+    fn first(self) -> usize {
+        if self.in_two_rounds { (3 * self.runs).div_ceil(5) } else { self.runs }
+    }
+}
+
+/// A switch design and its emulator, which cases with the same candidates of the simulation and the same
+/// specimens share.
+struct Design {
+    prior: Prior,
+    samples: Samples,
+    ensemble: Ensemble,
+    is_scattered: bool,
+    emulator: Emulator,
+}
+
+impl Design {
+    /// The emulator of these runs and of further ones, good enough for a noise, shape (observables, steps).
+    fn with_runs(
+        &self,
+        bench: &Bench,
+        values: Vec<Vec<f64>>,
+        noise: Option<&Vec<Vec<f64>>>,
+        seed: u64,
+    ) -> Result<Emulator> {
+        let (samples, more) = bench.run(&self.prior, values, self.is_scattered, 1, seed)?;
+        let samples = Samples::concatenate(vec![self.samples.clone(), samples])?;
+        let mut ensemble = self.ensemble.clone();
+        for (run, name) in more.samples.iter().enumerate() {
+            let curves: Vec<Vec<f64>> =
+                (0..more.observables.len()).map(|j| more.curve(run, j).to_vec()).collect();
+            ensemble.push(name, &curves, None);
+        }
+        emulate(&self.prior, &samples, &ensemble, noise, seed)
+    }
+}
+
+/// A measurement, and the effects of the measurement that may be behind it.
+struct Case {
+    observations: Observations,
+    kinds: Vec<Kind>,
+    /// Seed of the specimens that are run for it.
+    specimens: u64,
+}
+
+/// Read `DIR/cases` and write `DIR/verdicts.tsv`. The first round of runs, and its emulator, are made once for
+/// all cases with the same candidates.
 ///
 /// # Errors
 /// If a case cannot be read or diagnosed.
 pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
-    let How { runs, in_two_rounds, exact, seed } = how;
-    let first = if in_two_rounds { (3 * runs).div_ceil(5) } else { runs };
     let cases = dir.join("cases");
     let list = Table::read(&cases.join("cases.tsv"))?;
     let observables: Vec<String> = bench.world.observables().iter().map(|&name| name.to_owned()).collect();
-    let read = |row: usize| {
+    let read = |row: usize| -> Result<Case> {
         let path = cases.join(format!("{}_obs.txt", list.field(row, 0)));
-        Observations::read(&path, bench.world.control(), &observables)
+        let observations = Observations::read(&path, bench.world.control(), &observables)?;
+        let named = |name: &str| KINDS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind);
+        let kinds = list.field(row, 3).split(',').filter_map(named).collect();
+        Ok(Case { observations, kinds, specimens: how.seed + 1 + row as u64 })
     };
-    let measurements: Vec<Observations> = (0..list.len()).map(read).collect::<Result<_>>()?;
+    let measured: Vec<Case> = (0..list.len()).map(read).collect::<Result<_>>()?;
     // The components must be good enough for the most accurate of the measurements.
-    let mut finest: Vec<Vec<f64>> = measurements[0].values.clone();
+    let mut finest: Vec<Vec<f64>> = measured[0].observations.values.clone();
     finest.iter_mut().flatten().for_each(|sd| *sd = f64::INFINITY);
-    for measurement in &measurements {
+    for case in &measured {
         for (finest, noise) in
-            finest.iter_mut().zip(measurement.noise(&ByName::default())?.into_iter().flatten())
+            finest.iter_mut().zip(case.observations.noise(&ByName::default())?.into_iter().flatten())
         {
             finest.iter_mut().zip(noise).for_each(|(finest, sd)| *finest = finest.min(sd));
         }
     }
-    // Cases with the same candidates of the simulation, and the same specimens, share a design.
     let mut designs: BTreeMap<(String, String), Design> = BTreeMap::new();
     let design_of = |row: usize| (list.field(row, 1).to_owned(), list.field(row, 2).to_owned());
-    for design in (0..list.len()).map(design_of) {
-        if designs.contains_key(&design) {
+    for key in (0..list.len()).map(design_of) {
+        if designs.contains_key(&key) {
             continue;
         }
-        let left_out: Vec<&str> = design.0.split(',').collect();
-        let (samples, ensemble) = bench.design(&left_out, design.1 == "yes", first, seed)?;
+        let left_out: Vec<&str> = key.0.split(',').collect();
+        let is_scattered = key.1 == "yes";
+        let (samples, ensemble) = bench.design(&left_out, is_scattered, how.first(), how.seed)?;
         let prior = bench.prior_without(&left_out);
-        let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), seed)?;
-        designs.insert(design, Design { prior, samples, ensemble, emulator });
+        let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), how.seed)?;
+        designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator });
     }
-    let verdicts = (0..list.len())
-        .into_par_iter()
-        .map(|row| {
-            let Design { prior, samples, ensemble, emulator } = &designs[&design_of(row)];
-            let observations = &measurements[row];
-            let simulated = prior.effects().into_iter().map(Candidate::Simulated);
-            let named = |name: &str| KINDS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind);
-            let kinds: Vec<Kind> = list.field(row, 3).split(',').filter_map(named).collect();
-            let measured = MeasurementEffect::all(&kinds, &observables).into_iter().map(Candidate::Measured);
-            let candidates: Vec<Candidate> = simulated.chain(measured).collect();
-            let noise = observations.noise(&ByName::default())?;
-            let problem = |predictor| {
-                Problem::new(predictor, prior, candidates.clone(), observations, noise.clone(), 1.0)
-            };
-            let refined = if in_two_rounds {
-                let problem = problem(emulator)?;
-                let rough = diagnosis::diagnose(&problem, 2, seed)?;
-                let count = (runs - first) * prior.parameters().len();
-                let values = next_runs(&problem, &rough.attribution.explanations, count, seed)?;
-                let specimens = seed + 1 + row as u64;
-                let next = bench.run(prior, values, list.field(row, 2) == "yes", 1, specimens)?;
-                let samples = Samples::concatenate(vec![samples.clone(), next.0])?;
-                let mut ensemble = ensemble.clone();
-                for run in 0..next.1.len() {
-                    let curves: Vec<Vec<f64>> =
-                        (0..observables.len()).map(|j| next.1.curve(run, j).to_vec()).collect();
-                    ensemble.push(&next.1.samples[run], &curves, None);
-                }
-                Some(emulate(prior, &samples, &ensemble, noise.as_ref(), seed)?)
-            } else {
-                None
-            };
-            let emulator = refined.as_ref().unwrap_or(emulator);
-            let world = exact.then(|| Exact::new(bench, prior, emulator, &finest));
-            let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
-            let diagnosis = diagnosis::diagnose(&problem, 2, seed)?;
-            let explanations = &diagnosis.attribution.explanations;
-            let first = diagnosis.rows[0].explanation.map(|place| &explanations[place]);
-            let named = first.filter(|first| !first.hypothesis.is_empty());
-            let closes = named.map(|named| shrink(&problem, explanations, named, seed)).transpose()?;
-            Ok((diagnosis, closes))
-        })
+    let verdicts = measured
+        .par_iter()
+        .enumerate()
+        .map(|(row, case)| verdict(bench, how, &designs[&design_of(row)], case, &finest))
         .collect::<Result<Vec<_>>>()?;
+    write(&list, &verdicts, &dir.join("verdicts.tsv"))
+}
+
+/// What a case comes down to, and how far the gap should close if an effect comes first.
+type Verdict = (Diagnosis, Option<Shrink>);
+
+fn verdict(bench: &Bench, how: How, design: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
+    let Case { observations, kinds, specimens } = case;
+    let prior = &design.prior;
+    let simulated = prior.effects().into_iter().map(Candidate::Simulated);
+    let measured = MeasurementEffect::all(kinds, &observations.names).into_iter().map(Candidate::Measured);
+    let candidates: Vec<Candidate> = simulated.chain(measured).collect();
+    let noise = observations.noise(&ByName::default())?;
+    let problem =
+        |predictor| Problem::new(predictor, prior, candidates.clone(), observations, noise.clone(), 1.0);
+    let refined = if how.in_two_rounds {
+        let problem = problem(&design.emulator)?;
+        let rough = diagnosis::diagnose(&problem, 2, how.seed)?;
+        let count = (how.runs - how.first()) * prior.parameters().len();
+        let values = next_runs(&problem, &rough.attribution.explanations, count, how.seed)?;
+        Some(design.with_runs(bench, values, noise.as_ref(), *specimens)?)
+    } else {
+        None
+    };
+    let emulator = refined.as_ref().unwrap_or(&design.emulator);
+    let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest));
+    let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
+    let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
+    let explanations = &diagnosis.attribution.explanations;
+    let first = diagnosis.rows[0].explanation.map(|place| &explanations[place]);
+    let named = first.filter(|first| !first.hypothesis.is_empty());
+    let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
+    Ok((diagnosis, closes))
+}
+
+fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
     let columns = [
         "case",
         "first",
@@ -141,7 +178,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         "effects",
         "closer_look",
     ];
-    let mut table = TableWriter::create(Some(&dir.join("verdicts.tsv")), &columns)?;
+    let mut table = TableWriter::create(Some(path), &columns)?;
     for (row, (diagnosis, closes)) in verdicts.iter().enumerate() {
         let (first, attribution) = (&diagnosis.rows[0], &diagnosis.attribution);
         table
