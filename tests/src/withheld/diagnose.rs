@@ -53,6 +53,7 @@ struct Design {
     ensemble: Ensemble,
     is_scattered: bool,
     emulator: Emulator,
+    seed: u64,
 }
 
 impl Design {
@@ -62,9 +63,9 @@ impl Design {
         bench: &Bench,
         values: Vec<Vec<f64>>,
         noise: Option<&Vec<Vec<f64>>>,
-        seed: u64,
+        specimens: u64,
     ) -> Result<Emulator> {
-        let (samples, more) = bench.run(&self.prior, values, self.is_scattered, 1, seed)?;
+        let (samples, more) = bench.run(&self.prior, values, self.is_scattered, 1, specimens)?;
         let samples = Samples::concatenate(vec![self.samples.clone(), samples])?;
         let mut ensemble = self.ensemble.clone();
         for (run, name) in more.samples.iter().enumerate() {
@@ -72,7 +73,7 @@ impl Design {
                 (0..more.observables.len()).map(|j| more.curve(run, j).to_vec()).collect();
             ensemble.push(name, &curves, None);
         }
-        emulate(&self.prior, &samples, &ensemble, noise, seed)
+        emulate(&self.prior, &samples, &ensemble, noise, self.seed)
     }
 }
 
@@ -122,7 +123,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         let (samples, ensemble) = bench.design(&left_out, is_scattered, how.first(), how.seed)?;
         let prior = bench.prior_without(&left_out);
         let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), how.seed)?;
-        designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator });
+        designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator, seed: how.seed });
     }
     let verdicts = measured
         .par_iter()
