@@ -15,9 +15,9 @@ ALL := $(foreach r,$(shell seq 0 $(R)),$(OUT)/design/round$(r))
 # Runs of the design in all, 25 for each parameter: three fifths in the first round, the rest where that one
 # asks for them. A round between them, in a wider box, takes half as many again.
 DESIGN_NUM ?= $(shell awk 'NF && !/^[ \t]*\043/ { rows++ } END { print 25 * (rows - 1) }' $(PARAMS))
-FIRST_NUM = $$(( ($(DESIGN_NUM) * 3 + 4) / 5 ))
+FIRST_NUM = $$(( $(DESIGN_NUM) - $(DESIGN_NUM) * 2 / 5 ))
 WIDER_NUM = $$(( $(DESIGN_NUM) / 2 ))
-NEXT_NUM = $$(( $(DESIGN_NUM) - ($(DESIGN_NUM) * 3 + 4) / 5 ))
+NEXT_NUM = $$(( $(DESIGN_NUM) * 2 / 5 ))
 SEED ?= 0
 MAX_FAILED ?= 0.5
 export CASE

@@ -66,7 +66,7 @@ pub fn draw(
     let mut samples: Vec<Vec<f64>> = points
         .iter()
         .map(|point| {
-            let mut sample: Vec<f64> = prior.parameters().iter().map(|p| p.off.unwrap_or(p.lower)).collect();
+            let mut sample = prior.with_effects_off();
             for (&j, &u) in varied.iter().zip(point) {
                 sample[j] = prior.parameters()[j].quantile(u);
             }

@@ -203,6 +203,11 @@ impl Ensemble {
         &self.values[self.place(run, observable)]
     }
 
+    /// The curves of a run, shape (observables, steps).
+    pub fn curves(&self, run: usize) -> Vec<Vec<f64>> {
+        (0..self.observables.len()).map(|observable| self.curve(run, observable).to_vec()).collect()
+    }
+
     /// The standard deviation of an observable of a run, shape (steps,), if an emulator gave it.
     pub fn curve_sd(&self, run: usize, observable: usize) -> Option<&[f64]> {
         self.sd.as_ref().map(|sd| &sd[self.place(run, observable)])

@@ -77,6 +77,11 @@ const RESERVED: [&str; 12] = [
 ];
 
 impl Prior {
+    /// A value of each parameter with every effect off; those of the base stand at their lower bound.
+    pub fn with_effects_off(&self) -> Vec<f64> {
+        self.parameters().iter().map(|p| p.off.unwrap_or(p.lower)).collect()
+    }
+
     /// Read a `params.txt`: `name lower upper`, and optionally `scale mean sd effect off unit`, where
     /// `-` stands for nothing.
     ///

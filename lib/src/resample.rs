@@ -93,7 +93,7 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
     let values = drawn
         .iter()
         .map(|z| {
-            let mut row: Vec<f64> = prior.parameters().iter().map(|p| p.off.unwrap_or(p.lower)).collect();
+            let mut row = prior.with_effects_off();
             for ((&j, p), &z) in varied.iter().zip(proposal.parameters()).zip(z) {
                 row[j] = p.at_coordinate(z);
             }

@@ -1,6 +1,7 @@
 //! Weighted samples: normalisation, effective sample size, moments and quantiles.
 
 use anyhow::{Result, ensure};
+use nalgebra::{DMatrix, DVector};
 
 /// ln Σ exp(xᵢ), without overflow; −∞ for an empty slice.
 pub fn ln_sum_exp(x: &[f64]) -> f64 {
@@ -91,6 +92,22 @@ impl Quantiles {
             (None, None) => f64::NAN,
         }
     }
+}
+
+/// Mean, shape (dimensions,), and covariance, shape (dimensions, dimensions), of points whose weights sum to
+/// one; without dimensions if there are no points.
+pub fn moments(points: &[DVector<f64>], weights: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+    let dimensions = points.first().map_or(0, DVector::len);
+    let mut mean = DVector::zeros(dimensions);
+    for (point, &weight) in points.iter().zip(weights) {
+        mean.axpy(weight, point, 1.0);
+    }
+    let mut covariance = DMatrix::zeros(dimensions, dimensions);
+    for (point, &weight) in points.iter().zip(weights) {
+        let away = point - &mean;
+        covariance.ger(weight, &away, &away, 1.0);
+    }
+    (mean, covariance)
 }
 
 #[cfg(test)]

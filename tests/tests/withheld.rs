@@ -4,7 +4,9 @@
 
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::diagnose::How;
-use pipelines::withheld::score::{Scored, Share, calibration_error, of_effects, read};
+use pipelines::withheld::score::{
+    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, read,
+};
 use pipelines::withheld::{diagnose, generate};
 
 #[test]
@@ -29,4 +31,15 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     assert_eq!(unknown.of, 0, "no candidate: {cases:#?}");
     let error = calibration_error(&of_effects(&cases));
     assert!(error < 0.08, "{error}");
+}
+
+#[test]
+fn by_chance_one_statement_is_off_by_twice_its_variance_and_many_by_less() {
+    for stated in [0.1, 0.5, 0.85] {
+        let one = calibration_error_by_chance(&[(stated, true)]);
+        assert!((one - 2.0 * stated * (1.0 - stated)).abs() < 0.03, "{stated}: {one}");
+    }
+    // The mean of |k/n - p| for n = 100, p = 1/2 is √(2 p (1 - p) / (π n)) = 0.0399.
+    let many = calibration_error_by_chance(&[(0.5, true); 100]);
+    assert!((many - 0.0399).abs() < 0.003, "{many}");
 }

@@ -90,6 +90,15 @@ impl Bench {
         Prior::new(self.prior.parameters().iter().filter(is_known).cloned().collect())
     }
 
+    /// Values of all parameters from those of a prior that lacks some effects: these are off.
+    pub fn with_rest_off(&self, prior: &Prior, values: &[f64]) -> Vec<f64> {
+        let known = |name: &str| prior.parameters().iter().position(|other| other.name == name);
+        let value = |parameter: &Parameter| {
+            known(&parameter.name).map_or(parameter.off.unwrap_or(0.0), |place| values[place])
+        };
+        self.prior.parameters().iter().map(value).collect()
+    }
+
     /// The curves at values of all parameters of the prior, shape (observables, steps).
     ///
     /// # Errors
@@ -151,12 +160,7 @@ impl Bench {
             .par_iter()
             .enumerate()
             .map(|(run, values)| {
-                let mut full = Vec::new();
-                for parameter in self.prior.parameters() {
-                    let place = prior.parameters().iter().position(|other| other.name == parameter.name);
-                    full.push(place.map_or(parameter.off.unwrap_or(0.0), |place| values[place]));
-                }
-                let curves = self.simulate(&full)?;
+                let curves = self.simulate(&self.with_rest_off(prior, values))?;
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
                 random.set_stream(run as u64);
                 Ok(if scatter { scattered(&curves, &factor, &mut random) } else { curves })

@@ -69,9 +69,7 @@ impl Design {
         let samples = Samples::concatenate(vec![self.samples.clone(), samples])?;
         let mut ensemble = self.ensemble.clone();
         for (run, name) in more.samples.iter().enumerate() {
-            let curves: Vec<Vec<f64>> =
-                (0..more.observables.len()).map(|j| more.curve(run, j).to_vec()).collect();
-            ensemble.push(name, &curves, None);
+            ensemble.push(name, &more.curves(run), None);
         }
         emulate(&self.prior, &samples, &ensemble, noise, self.seed)
     }
@@ -155,7 +153,7 @@ fn verdict(bench: &Bench, how: How, design: &Design, case: &Case, finest: &[Vec<
         None
     };
     let emulator = refined.as_ref().unwrap_or(&design.emulator);
-    let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest));
+    let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest)).transpose()?;
     let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
     let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
     let explanations = &diagnosis.attribution.explanations;

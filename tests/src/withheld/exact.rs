@@ -1,9 +1,10 @@
 //! The world itself in place of its emulator: what the diagnosis would reach if it knew the simulation
 //! exactly.
 
+use anyhow::{Error, Result};
 use gl::emulator::Emulator;
 use gl::gap::attribute::predictor::{Prediction, Predictor};
-use gl::prior::Prior;
+use gl::prior::{Parameter, Prior};
 use nalgebra::{DMatrix, DVector};
 
 use super::bench::Bench;
@@ -15,22 +16,28 @@ pub struct Exact<'a> {
     emulator: &'a Emulator,
     /// Components of a curve about the centre, shape (components, readings).
     inverse: DMatrix<f64>,
-    left_over: Vec<f64>,
 }
 
 impl<'a> Exact<'a> {
     /// The world behind an emulator of some of its parameters; its curves are projected on the components
     /// in units of a noise, shape (observables, steps).
-    pub fn new(bench: &'a Bench, prior: &'a Prior, emulator: &'a Emulator, noise: &[Vec<f64>]) -> Self {
+    ///
+    /// # Errors
+    /// If the components have no inverse.
+    pub fn new(
+        bench: &'a Bench,
+        prior: &'a Prior,
+        emulator: &'a Emulator,
+        noise: &[Vec<f64>],
+    ) -> Result<Self> {
         let basis = Predictor::basis(emulator);
-        let left_over = Predictor::left_over(emulator).to_vec();
         let unit = DVector::from_vec(noise.concat()).map(f64::recip);
         let white = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| basis[(i, k)] * unit[i]);
-        let mut inverse = white.clone().pseudo_inverse(1e-14).unwrap_or_else(|_| white.transpose());
+        let mut inverse = white.pseudo_inverse(1e-14).map_err(Error::msg)?;
         for (mut column, unit) in inverse.column_iter_mut().zip(unit.iter()) {
             column *= *unit;
         }
-        Self { bench, prior, emulator, inverse, left_over }
+        Ok(Self { bench, prior, emulator, inverse })
     }
 }
 
@@ -44,7 +51,7 @@ impl Predictor for Exact<'_> {
     }
 
     fn left_over(&self) -> &[f64] {
-        &self.left_over
+        Predictor::left_over(self.emulator)
     }
 
     fn scatter(&self) -> Vec<f64> {
@@ -56,21 +63,13 @@ impl Predictor for Exact<'_> {
     }
 
     fn predict(&self, point: &[f64]) -> Prediction {
-        let full: Vec<f64> = self
-            .bench
-            .prior
-            .parameters()
-            .iter()
-            .map(|parameter| {
-                let place = self.prior.parameters().iter().position(|other| other.name == parameter.name);
-                place.map_or(parameter.off.unwrap_or(0.0), |place| {
-                    let is_off = |off: &f64| (parameter.coordinate(*off) - point[place]).abs() < 1e-12;
-                    parameter.off.filter(is_off).unwrap_or_else(|| parameter.at_coordinate(point[place]))
-                })
-            })
-            .collect();
+        let value = |(parameter, &at): (&Parameter, &f64)| {
+            let is_off = |off: &f64| (parameter.coordinate(*off) - at).abs() < 1e-12;
+            parameter.off.filter(is_off).unwrap_or_else(|| parameter.at_coordinate(at))
+        };
+        let values: Vec<f64> = self.prior.parameters().iter().zip(point).map(value).collect();
         let components = self.inverse.nrows();
-        let Ok(curves) = self.bench.simulate(&full) else {
+        let Ok(curves) = self.bench.simulate(&self.bench.with_rest_off(self.prior, &values)) else {
             return Prediction { mean: vec![f64::NAN; components], variance: vec![0.0; components] };
         };
         let away: Vec<f64> = curves.concat().iter().zip(self.centre()).map(|(y, c)| y - c).collect();

@@ -151,7 +151,7 @@ fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
     }
     let mut chosen = sample(&mut random, effects.len(), simulated).into_vec();
     chosen.sort_unstable();
-    let mut values: Vec<f64> = parameters.iter().map(|p| p.off.unwrap_or(p.lower)).collect();
+    let mut values = bench.prior.with_effects_off();
     let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
     for j in bench.prior.base().into_iter().chain(on) {
         values[j] = parameters[j].quantile(random.random());

@@ -134,8 +134,7 @@ fn run(args: &Args) -> Result<()> {
     if noise.is_none() {
         note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
     }
-    let problem =
-        diagnosis::problem(&emulator, &prior, candidates.clone(), &observations, noise, args.scatter)?;
+    let problem = Problem::new(&emulator, &prior, candidates.clone(), &observations, noise, args.scatter)?;
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     write(args.output.as_deref(), &diagnosis)?;
     if let Some(path) = &args.effects_out {

@@ -12,7 +12,6 @@ use crate::gap::attribute::hypothesis::Candidate;
 use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
 use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
-use crate::observations::Observations;
 use crate::prior::Prior;
 use crate::samples::Samples;
 
@@ -212,19 +211,4 @@ pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
             shares.iter().zip(&problem.ranges).map(|(share, range)| vec![share * range; steps]).collect()
         }
     }
-}
-
-/// A problem for a measurement and an emulator.
-///
-/// # Errors
-/// If they are not on the same steps, an observable is constant, or a noise is not positive.
-pub fn problem<'a>(
-    emulator: &'a Emulator,
-    prior: &'a Prior,
-    candidates: Vec<Candidate>,
-    observations: &Observations,
-    noise: Option<Vec<Vec<f64>>>,
-    scatter: f64,
-) -> Result<Problem<'a>> {
-    Problem::new(emulator, prior, candidates, observations, noise, scatter)
 }

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::gap::attribute::mode::{Mode, standard_normal};
 use crate::gap::attribute::model::{Curve, Model, ln_prior};
-use crate::statistics::{ln_sum_exp, normalised};
+use crate::statistics::{ln_sum_exp, moments, normalised};
 
 /// The evidence of a hypothesis and its posterior.
 #[derive(Clone, Debug)]
@@ -206,15 +206,8 @@ impl Mixture {
             if weight < 1e-3 {
                 continue;
             }
-            let mut centre = DVector::zeros(dimensions);
-            for (w, owned) in samples.iter().zip(&owned) {
-                centre.axpy(owned / weight, w, 1.0);
-            }
-            let mut scale = DMatrix::zeros(dimensions, dimensions);
-            for (w, owned) in samples.iter().zip(&owned) {
-                let away = w - &centre;
-                scale.ger(owned / weight, &away, &away, 1.0);
-            }
+            let owned: Vec<f64> = owned.iter().map(|owned| owned / weight).collect();
+            let (centre, scale) = moments(samples, &owned);
             let old_scale = &old.factor * old.factor.transpose();
             // The t density is wider than its scale; and a little of the old shape keeps it whole.
             let scale = scale * 0.95 + old_scale * 0.05;

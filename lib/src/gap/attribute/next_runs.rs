@@ -9,6 +9,7 @@ use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
 use crate::prior::{normal_cdf, normal_quantile};
 use crate::sequence::{self, Method};
+use crate::statistics::moments;
 
 /// What the odds of a hypothesis are raised to: those that a better emulator may yet favour get runs, too.
 const FLATTENED: f64 = 0.5;
@@ -73,21 +74,14 @@ fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Res
     let dimensions = free.len();
     let scores: Vec<DVector<f64>> =
         of.evidence.samples.iter().map(|w| DVector::from_column_slice(&w[..dimensions])).collect();
-    let mut mean = DVector::zeros(dimensions);
-    for (w, weight) in scores.iter().zip(&of.evidence.weights) {
-        mean.axpy(*weight, w, 1.0);
-    }
-    let mut covariance = DMatrix::identity(dimensions, dimensions) * 1e-8;
-    for (w, weight) in scores.iter().zip(&of.evidence.weights) {
-        let away = w - &mean;
-        covariance.ger(WIDER * WIDER * weight, &away, &away, 1.0);
-    }
-    let factor = Cholesky::new(covariance).context("a posterior without a covariance")?.unpack();
+    let (mean, covariance) = moments(&scores, &of.evidence.weights);
+    let wider = covariance * (WIDER * WIDER) + DMatrix::identity(dimensions, dimensions) * 1e-8;
+    let factor = Cholesky::new(wider).context("a posterior without a covariance")?.unpack();
     let parameters = problem.prior.parameters();
     let run = |point: &Vec<f64>| {
         let normal = DVector::from_iterator(dimensions, point.iter().map(|&u| normal_quantile(u)));
         let w = &mean + &factor * normal;
-        let mut values: Vec<f64> = parameters.iter().map(|p| p.off.unwrap_or(p.lower)).collect();
+        let mut values = problem.prior.with_effects_off();
         for (&j, w) in free.iter().zip(w.iter()) {
             values[j] = parameters[j].quantile(normal_cdf(w.clamp(-FURTHEST, FURTHEST)));
         }

@@ -7,9 +7,10 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::ensemble::Ensemble;
 use crate::gap::attribute::attribution::attribute;
-use crate::gap::attribute::diagnosis::{emulate, problem};
+use crate::gap::attribute::diagnosis::emulate;
 use crate::gap::attribute::hypothesis::{Candidate, name};
 use crate::gap::attribute::mode::standard_normal;
+use crate::gap::attribute::problem::Problem;
 use crate::observations::Observations;
 use crate::prior::Prior;
 use crate::progress::stage;
@@ -92,9 +93,7 @@ pub fn self_check(
         let mut rest = Ensemble::new(observations, false);
         rest.source.clone_from(&design.ensemble.source);
         for run in (0..design.ensemble.len()).filter(|run| !taken.contains(run)) {
-            let curves: Vec<Vec<f64>> =
-                (0..observations.names.len()).map(|j| design.ensemble.curve(run, j).to_vec()).collect();
-            rest.push(&design.ensemble.samples[run], &curves, None);
+            rest.push(&design.ensemble.samples[run], &design.ensemble.curves(run), None);
         }
         let noise_of_all = noise.to_vec();
         let emulator = emulate(design.prior, design.samples, &rest, Some(&noise_of_all), seed)?;
@@ -106,7 +105,7 @@ pub fn self_check(
                 }
             }
             let candidates = design.candidates.to_vec();
-            let problem = problem(
+            let problem = Problem::new(
                 &emulator,
                 design.prior,
                 candidates,
