@@ -61,6 +61,9 @@ a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     awk -F '\t' '$1 == "all" { found = $5 > 0.5 } END { exit !found }' made/shrink-unseen.txt
 }
 
+# The folder of the last round of the design.
+with_last_round() { find made/design -mindepth 1 -name 'round*' | sort | tail -n 1; }
+
 settings_of_the_environment_win_in_the_design_too() {
     cp -r "$ROOT/examples/contact-effects" case
     sed -i 's/^NUM=.*/NUM=20/; s/^ITERATIONS=.*/ITERATIONS=2/' case/case.env
@@ -68,7 +71,7 @@ settings_of_the_environment_win_in_the_design_too() {
     DESIGN_NUM=60 make -s -f "$ROOT/scripts/diagnose.mk" CASE=case ENGINE=embedded OUT=made made/attribution.txt >log 2>&1
     # Three fifths in the first round, and the others last.
     same "$(wc -l <made/design/round0/samples.txt)" 37
-    same "$(find made/design -name samples.txt -path '*round*' -print0 | sort -z | tail -z -n 1 | xargs -0 cat | wc -l)" 25
+    same "$(wc -l <"$(with_last_round)/samples.txt")" 25
 }
 
 the_last_runs_of_a_design_lie_where_the_first_ones_point() {
@@ -80,8 +83,8 @@ the_last_runs_of_a_design_lie_where_the_first_ones_point() {
             { n++; sum += $at; squares += $at * $at }
             END { printf "%.9f", sqrt(squares / n - (sum / n) ^ 2) }' "$1"
     }
-    last=$(find made/design -name next.txt | sort | tail -n 2 | head -n 1)
-    awk -v first="$(spread made/design/round0/samples.txt)" -v last="$(spread "$last")" 'BEGIN { exit !(last < 0.7 * first) }'
+    awk -v first="$(spread made/design/round0/samples.txt)" -v last="$(spread "$(with_last_round)/samples.txt")" \
+        'BEGIN { exit !(last < 0.7 * first) }'
     same "$(($(wc -l <made/design/samples.txt) - 1))" "$(cut -f 1 made/design/ensemble.txt | sort -u | grep -vc '^sample$')"
 }
 
