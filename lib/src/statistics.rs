@@ -115,6 +115,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn moments_are_those_of_a_cross_of_four_weighted_points() {
+        let points =
+            [[3.0, 1.0], [-1.0, 1.0], [1.0, 2.0], [1.0, -2.0]].map(|p| DVector::from_column_slice(&p));
+        let (mean, covariance) = moments(&points, &[0.25, 0.25, 0.375, 0.125]);
+        assert_eq!(mean.as_slice(), [1.0, 1.0]);
+        assert_eq!(covariance.as_slice(), [2.0, 0.0, 0.0, 1.5]);
+    }
+
+    #[test]
     fn equal_weights_are_fully_effective() {
         assert!((ess_fraction(&[-1e4; 7]).unwrap() - 1.0).abs() < 1e-15);
     }
