@@ -115,7 +115,7 @@ fn the_effect_that_is_in_comes_first_and_no_effect_where_there_is_none() {
     let bent = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     let rows = bent.rows(&NOISE);
     assert_eq!(rows[0].0, "bending", "{rows:?}");
-    assert!(rows[0].1 > 0.8, "{rows:?}");
+    assert!(rows[0].1 > 0.75, "{rows:?}");
     assert_eq!(rows.len(), 5, "none, two alone, both, unexplained: {rows:?}");
     assert!((rows.iter().map(|row| row.1).sum::<f64>() - 1.0).abs() < 1e-9);
     let straight = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.0);
@@ -149,7 +149,9 @@ fn an_unknown_noise_is_estimated_and_the_verdict_no_sharper() {
     let bent = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     let (known, unknown) = (bent.rows(&NOISE), bent.rows(&[]));
     assert_eq!(unknown[0].0, "bending", "{unknown:?}");
-    assert!(unknown[0].1 < known[0].1 + 0.02, "{known:?} {unknown:?}");
+    // No sharper than the error of the evidences, about 0.1 nat each, allows.
+    let odds = |rows: &[(String, f64)]| rows[0].1 / (1.0 - rows[0].1);
+    assert!(odds(&unknown) < 1.25 * odds(&known), "{known:?} {unknown:?}");
 }
 
 #[test]

@@ -48,8 +48,8 @@ pub struct Attribution {
     pub nearest: String,
 }
 
-/// Prior odds that something is at work which is no candidate.
-const UNEXPLAINED_ODDS: f64 = 0.5;
+/// Prior odds that something further is at work which is no candidate: as likely as not.
+const UNEXPLAINED_ODDS: f64 = 1.0;
 
 /// Hypotheses within this of the most probable one (natural logarithm) are looked at more closely.
 const CLOSE: f64 = 5.0;

@@ -12,10 +12,14 @@ use crate::sequence::{self, Method};
 use crate::statistics::moments;
 
 /// What the odds of a hypothesis are raised to: those that a better emulator may yet favour get runs, too.
-const FLATTENED: f64 = 0.5;
+const FLATTENED: f64 = 0.25;
 
 /// Hypotheses that would get a smaller share of the runs than this get none.
 const LEAST_SHARE: f64 = 0.02;
+
+/// Weight at least, beside that of all others together, of what the first hypothesis contains, `none` among
+/// it: what is simpler must not lose by an emulator that nobody has tried there.
+const SIMPLER: f64 = 0.2;
 
 /// Runs are drawn from a normal distribution this many times as wide as the posterior: the runs so far may
 /// have misplaced it.
@@ -46,12 +50,24 @@ pub fn next_runs(
 
 /// How many runs each explanation gets.
 fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> Vec<usize> {
-    let ln_odds = |of: &Explanation| of.evidence.ln + ln_prior_odds(&of.hypothesis, problem.candidates.len());
-    let highest = explanations.iter().map(ln_odds).fold(f64::NEG_INFINITY, f64::max);
-    let mut weights: Vec<f64> =
-        explanations.iter().map(|of| (FLATTENED * (ln_odds(of) - highest)).exp()).collect();
-    let whole: f64 = weights.iter().sum();
-    weights.iter_mut().filter(|weight| **weight < LEAST_SHARE * whole).for_each(|weight| *weight = 0.0);
+    let ln_odds: Vec<f64> = explanations
+        .iter()
+        .map(|of| of.evidence.ln + ln_prior_odds(&of.hypothesis, problem.candidates.len()))
+        .collect();
+    let Some(first) = (0..ln_odds.len()).max_by(|&a, &b| ln_odds[a].total_cmp(&ln_odds[b])) else {
+        return Vec::new();
+    };
+    let flattened: Vec<f64> = ln_odds.iter().map(|ln| (FLATTENED * (ln - ln_odds[first])).exp()).collect();
+    let whole: f64 = flattened.iter().sum();
+    let is_simpler = |of: &Explanation| {
+        of.hypothesis.iter().all(|candidate| explanations[first].hypothesis.contains(candidate))
+    };
+    let weight = |(of, weight): (&Explanation, &f64)| match *weight {
+        weight if is_simpler(of) => weight.max(SIMPLER * whole),
+        weight if weight < LEAST_SHARE * whole => 0.0,
+        weight => weight,
+    };
+    let weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
     let whole: f64 = weights.iter().sum();
     // Systematic: the sums up to each explanation, rounded, so that none is more than one off its share.
     let mut sum = 0.0;
@@ -88,4 +104,29 @@ fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Res
         values
     };
     Ok(sequence::points(Method::Halton, count, dimensions, Some(seed))?.iter().map(run).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::attribute::attribution::attribute;
+    use crate::gap::attribute::hypothesis::Candidate;
+    use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
+    use crate::gap::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn what_the_first_hypothesis_contains_gets_runs_even_where_it_is_out_of_the_question() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
+        let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
+        let candidates = vec![Candidate::Simulated(prior.effects().remove(0)), Candidate::Measured(offset)];
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, candidates, &observations, noise, 1.0).unwrap();
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let shares = shares(&problem, &explanations, 60);
+        let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];
+        assert_eq!(explanations[0].name, "wave");
+        assert!(explanations[1].probability < 1e-6, "{explanations:?}");
+        assert_eq!((of("wave"), of("none"), of("offset(y)")), (50, 10, 0));
+    }
 }

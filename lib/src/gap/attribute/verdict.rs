@@ -10,7 +10,7 @@ use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
 
 /// Below this probability a hypothesis is not settled.
-const SETTLED: f64 = 0.9;
+const SETTLED: f64 = 0.8;
 
 /// Above this share of noise and scatter what the emulator does not know widens a verdict.
 const IGNORANT: f64 = 0.5;
