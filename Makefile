@@ -70,7 +70,7 @@ diagnose: build
 ##                                  RUNS=10: runs of the design an input, SEED=…: other cases
 CASES ?= 200
 RUNS ?= 25
-SEED ?= 9003
+SEED ?= 9006
 withheld: build
 	@for world in contact triaxial; do dir=out/withheld/$$world-$(RUNS)-$(SEED); mkdir -p $$dir; echo "## $$world"; \
 	     withheld generate $$world $$dir --num $(CASES) --seed $(SEED) && \

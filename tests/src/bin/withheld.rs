@@ -141,6 +141,11 @@ fn score(cases: &[Scored]) -> Result<()> {
         table.text(name).number(share.all as f64).number(share.of as f64);
         table.text("-").text("-").text("-").text("-").end_row()
     };
+    let none = cases.iter().filter(|case| case.truth == "none");
+    count(
+        "none: a wrong effect above 0.5",
+        Share::count(none, |case| case.names_wrong() && case.probability > 0.5),
+    )?;
     for family in ["Plain", "Scatter", "Rig"] {
         let of = cases.iter().filter(|case| case.family == family);
         count(&format!("{}: predicted shrink holds", family.to_lowercase()), shrink_coverage(of))?;
