@@ -233,7 +233,10 @@ torque_carries_a_calibration_too() {
     with_pbs
     export ENGINE=pbs FAKE_PBS_FLAVOUR=torque
     with_case
+    # All tasks of the first iteration are there when the controlling job is submitted; later some end meanwhile.
+    echo 1 >pause
     PACKED=1 ends_with 0 submit case fit
+    rm pause
     with_wait_for is_finished
     # The controlling jobs, which have nothing of our environment, pack too.
     compgen -G 'fit/iter2/runs/*_packed.txt'
