@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::gap::attribute::adequacy::{INADEQUATE, predictive_probability};
 use crate::gap::attribute::evidence::{COARSE, Evidence, FINE, evidence};
-use crate::gap::attribute::hypothesis::{Hypothesis, hypotheses, ln_prior_odds, name};
+use crate::gap::attribute::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
 use crate::gap::attribute::mode::{Mode, find};
 use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
@@ -80,9 +80,10 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
             .filter(|(_, set)| set.len() == size)
             .map(|(place, set)| {
                 let model = Model::new(problem, set, false);
-                let smaller = sets.iter().zip(&modes).filter(|(other, _)| {
-                    other.len() + 1 == size && other.iter().all(|member| set.contains(member))
-                });
+                let smaller = sets
+                    .iter()
+                    .zip(&modes)
+                    .filter(|(other, _)| other.len() + 1 == size && is_part(other, set));
                 let starts: Vec<Vec<f64>> = smaller
                     .filter_map(|(other, modes)| {
                         let theirs = Model::new(problem, other, false);
@@ -190,4 +191,25 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         ln_unexplained,
         nearest: name(&sets[nearest], &problem.candidates),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn something_unknown_is_as_likely_beforehand_as_not() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem =
+            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+        let found = attribute(&problem, 1, 1).unwrap();
+        // One of two candidates is as likely beforehand as none, and the other hypotheses are out of the question.
+        let wave = &found.explanations[0];
+        let odds = (found.ln_unexplained - wave.evidence.ln).exp();
+        assert_eq!(wave.name, "wave");
+        assert!((found.unexplained / wave.probability / odds - 1.0).abs() < 1e-6, "{found:?}");
+    }
 }

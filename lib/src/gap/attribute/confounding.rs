@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::gap::attribute::attribution::Explanation;
+use crate::gap::attribute::hypothesis::is_part;
 use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
 
@@ -62,8 +63,8 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
             }
             let mut near = Vec::new();
             for (t, other) in explanations.iter().enumerate() {
-                let is_part = other.hypothesis.iter().all(|member| explanation.hypothesis.contains(member));
-                if is_part || other.hypothesis.len() > explanation.hypothesis.len() {
+                let has_it = is_part(&other.hypothesis, &explanation.hypothesis);
+                if has_it || other.hypothesis.len() > explanation.hypothesis.len() {
                     continue;
                 }
                 let rest = distance(problem, explanation, &curves[s], &curves[t])?;

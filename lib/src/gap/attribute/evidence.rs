@@ -243,10 +243,8 @@ fn flattened(ln_weights: &[f64], wanted: f64) -> Result<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::attribute::hypothesis::Candidate;
     use rand::SeedableRng;
 
-    use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
     use crate::gap::attribute::problem::Problem;
     use crate::gap::attribute::synthetic_world::{STEPS, Straight};
 
@@ -276,11 +274,9 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         values.iter_mut().for_each(|y| *y += noise * standard_normal(&mut random));
         let observations = Straight::observations(values);
-        let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
-        let candidates = vec![Candidate::Simulated(prior.effects().remove(0)), Candidate::Measured(offset)];
+        let known = Some(vec![vec![noise; STEPS]]);
         let problem =
-            Problem::new(&predictor, &prior, candidates, &observations, Some(vec![vec![noise; STEPS]]), 1.0)
-                .unwrap();
+            Problem::new(&predictor, &prior, Straight::candidates(), &observations, known, 1.0).unwrap();
         let base = vec![(Straight::curve(1.0, 0.0, 0.0), 0.5), (Straight::curve(0.0, 1.0, 0.0), 0.5)];
         let wave = (Straight::curve(0.0, 0.0, 1.0), 1.0);
         let offset = (vec![problem.ranges[0]; STEPS], 0.1);

@@ -44,6 +44,11 @@ pub fn hypotheses(candidates: usize, largest: usize) -> Vec<Hypothesis> {
     all
 }
 
+/// Whether everything in the one hypothesis is in the other, too.
+pub fn is_part(one: &[usize], other: &[usize]) -> bool {
+    one.iter().all(|candidate| other.contains(candidate))
+}
+
 /// `none`, or the names of the effects joined by `+`.
 pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
     if hypothesis.is_empty() {

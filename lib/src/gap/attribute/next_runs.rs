@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::gap::attribute::attribution::Explanation;
-use crate::gap::attribute::hypothesis::ln_prior_odds;
+use crate::gap::attribute::hypothesis::{is_part, ln_prior_odds};
 use crate::gap::attribute::model::Model;
 use crate::gap::attribute::problem::Problem;
 use crate::prior::{normal_cdf, normal_quantile};
@@ -14,7 +14,7 @@ use crate::statistics::moments;
 /// What the odds of a hypothesis are raised to: those that a better emulator may yet favour get runs, too.
 const FLATTENED: f64 = 0.25;
 
-/// Hypotheses that would get a smaller share of the runs than this get none.
+/// Hypotheses that would get a smaller share of the runs than this get none, unless the first contains them.
 const LEAST_SHARE: f64 = 0.02;
 
 /// Weight at least, beside that of all others together, of what the first hypothesis contains, `none` among
@@ -29,7 +29,8 @@ const WIDER: f64 = 1.5;
 const FURTHEST: f64 = 2.5;
 
 /// Parameters of `count` runs that would teach an emulator most about this measurement, shape (count,
-/// parameters): from the posteriors of all hypotheses that are not out of the question, widened.
+/// parameters): from the posteriors, widened, of all hypotheses that are not out of the question or that the
+/// first one contains.
 ///
 /// # Errors
 /// If a posterior has no covariance.
@@ -59,13 +60,14 @@ fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> 
     };
     let flattened: Vec<f64> = ln_odds.iter().map(|ln| (FLATTENED * (ln - ln_odds[first])).exp()).collect();
     let whole: f64 = flattened.iter().sum();
-    let is_simpler = |of: &Explanation| {
-        of.hypothesis.iter().all(|candidate| explanations[first].hypothesis.contains(candidate))
-    };
-    let weight = |(of, weight): (&Explanation, &f64)| match *weight {
-        weight if is_simpler(of) => weight.max(SIMPLER * whole),
-        weight if weight < LEAST_SHARE * whole => 0.0,
-        weight => weight,
+    let weight = |(of, &weight): (&Explanation, &f64)| {
+        if is_part(&of.hypothesis, &explanations[first].hypothesis) {
+            weight.max(SIMPLER * whole)
+        } else if weight < LEAST_SHARE * whole {
+            0.0
+        } else {
+            weight
+        }
     };
     let weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
     let whole: f64 = weights.iter().sum();
@@ -110,18 +112,15 @@ fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Res
 mod tests {
     use super::*;
     use crate::gap::attribute::attribution::attribute;
-    use crate::gap::attribute::hypothesis::Candidate;
-    use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
     use crate::gap::attribute::synthetic_world::{STEPS, Straight};
 
     #[test]
     fn what_the_first_hypothesis_contains_gets_runs_even_where_it_is_out_of_the_question() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-        let offset = MeasurementEffect::all(&[Kind::Offset], &observations.names).remove(0);
-        let candidates = vec![Candidate::Simulated(prior.effects().remove(0)), Candidate::Measured(offset)];
         let noise = Some(vec![vec![0.01; STEPS]]);
-        let problem = Problem::new(&predictor, &prior, candidates, &observations, noise, 1.0).unwrap();
+        let problem =
+            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let shares = shares(&problem, &explanations, 60);
         let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];

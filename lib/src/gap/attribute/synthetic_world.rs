@@ -2,6 +2,8 @@
 
 use nalgebra::DMatrix;
 
+use crate::gap::attribute::hypothesis::Candidate;
+use crate::gap::attribute::measurement::{Kind, MeasurementEffect};
 use crate::gap::attribute::predictor::{Prediction, Predictor};
 use crate::observations::Observations;
 use crate::prior::{Parameter, Prior, Scale};
@@ -46,6 +48,12 @@ impl Straight {
 
     pub fn curve(a: f64, b: f64, c: f64) -> Vec<f64> {
         (0..STEPS).map(|t| a + b * x(t) + c * (6.0 * x(t)).sin()).collect()
+    }
+
+    /// The effect, and an offset of the sensor.
+    pub fn candidates() -> Vec<Candidate> {
+        let offset = MeasurementEffect::all(&[Kind::Offset], &["y".to_owned()]).remove(0);
+        vec![Candidate::Simulated(Self::prior().effects().remove(0)), Candidate::Measured(offset)]
     }
 
     pub fn observations(values: Vec<f64>) -> Observations {
