@@ -245,6 +245,31 @@ torque_carries_a_calibration_too() {
     with_tables_as_undisturbed
 }
 
+runs_that_end_while_the_controlling_job_is_submitted_do_not_stop_it() {
+    with_pbs
+    export ENGINE=pbs FAKE_PBS_FLAVOUR=torque
+    with_case
+    # Four jobs of a task, one of which ends after the other; and of those that it is to wait for, the first has
+    # always ended when the controlling job arrives.
+    # shellcheck disable=SC2016  # the model expands it
+    sed -i 's|^sleep .*|sleep "$(($2 / 3)).3"|' case/model
+    mkdir late
+    cat >late/qsub <<END
+#!/bin/bash
+for word; do
+    [[ \$word == depend=afterany:* ]] || continue
+    IFS=: read -r _ first _ <<<"\$word"
+    while [ -e "$FAKE_PBS/\$first" ]; do sleep 0.02; done
+done
+exec "$ROOT/tests/scripts/fake-pbs/qsub" "\$@"
+END
+    chmod +x late/qsub
+    PATH=$PWD/late:$PATH ITERATIONS=1 ends_with 0 submit case fit
+    [ "$(grep -c 'to depend on' err)" -ge 3 ] || { cat err; return 1; }
+    with_wait_for is_finished
+    ITERATIONS=1 with_tables_as_undisturbed
+}
+
 what_cannot_be_submitted_is_said_at_once() {
     with_case
     ends_with 2 submit nowhere fit
