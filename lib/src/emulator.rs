@@ -15,6 +15,7 @@ mod inputs;
 mod kernel;
 mod minimise;
 mod points;
+pub mod posterior;
 pub mod table;
 #[cfg(test)]
 mod tests;
@@ -31,7 +32,7 @@ use crate::prior::{Prior, normal_quantile};
 use crate::progress::stage;
 use crate::samples::Samples;
 use components::{Components, Enough};
-use gp::{Gp, Mean, Points};
+use gp::{Gp, Kernel, Mean, Points};
 use inputs::Inputs;
 pub use inputs::Reach;
 use train::{Search, train};
@@ -47,6 +48,8 @@ pub struct Options {
     /// Mean function; linear if absent and there are at least three runs for each of its terms, else
     /// constant.
     pub mean: Option<Mean>,
+    /// Correlation of the processes.
+    pub kernel: Kernel,
     /// Number of places that the search for the lengths starts from.
     pub starts: usize,
     /// Seed of those places.
@@ -55,7 +58,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: None, max_components: 15, mean: None, starts: 4, seed: 0 }
+        Self { noise: None, max_components: 15, mean: None, kernel: Kernel::default(), starts: 4, seed: 0 }
     }
 }
 
@@ -164,7 +167,7 @@ impl Emulator {
         let rows: Vec<Vec<f64>> = coordinates.iter().map(|run| inputs.at(run)).collect();
         let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
         let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts };
-        let points = Points::new(&rows, search.mean)?;
+        let points = Points::new(&rows, search.mean)?.with_kernel(options.kernel);
         let stage = stage("training the emulator", components.basis.ncols());
         let processes = (0..components.basis.ncols())
             .into_par_iter()
@@ -265,6 +268,28 @@ impl Emulator {
     pub fn predict_scores(&self, coordinates: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.inputs.at(coordinates);
         self.processes.iter().map(|process| process.predict(&x)).unzip()
+    }
+
+    /// What covariances of the scores at coordinates, shape (parameters,), with those at others need, one
+    /// place a component; see [`Gp::place`].
+    pub fn places(&self, coordinates: &[f64]) -> Vec<gp::Place> {
+        let x = self.inputs.at(coordinates);
+        self.processes.iter().map(|process| process.place(&x)).collect()
+    }
+
+    /// Correlation of the scores' errors, shape (components, components).
+    pub fn correlation(&self) -> &DMatrix<f64> {
+        &self.correlation
+    }
+
+    /// Scores of the runs, shape (runs, components), in the order of [`Emulator::runs`].
+    pub fn scores(&self) -> &DMatrix<f64> {
+        &self.components.scores
+    }
+
+    /// The runs' curves, shape (runs, outputs), in the order of [`Emulator::runs`].
+    pub fn curves_of_runs(&self) -> &DMatrix<f64> {
+        &self.curves
     }
 
     /// Mean of each score, shape (components,), and its derivatives by the coordinates, shape

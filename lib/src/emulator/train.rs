@@ -72,7 +72,8 @@ pub fn train(
     let fine = Stop { iterations: 100, decrease: 1e-3 };
     let some = |count: usize| -> Result<(Points, Vec<f64>)> {
         let some_rows: Vec<Vec<f64>> = order[..count].iter().map(|&i| rows[i].clone()).collect();
-        Ok((Points::new(&some_rows, search.mean)?, order[..count].iter().map(|&i| y[i]).collect()))
+        let some = Points::new(&some_rows, search.mean)?.with_kernel(points.kernel);
+        Ok((some, order[..count].iter().map(|&i| y[i]).collect()))
     };
     if points.len() > FIRST_POINTS {
         let (some, y) = some(FIRST_POINTS)?;
