@@ -1,0 +1,1 @@
+//! What a posterior through an emulator says in a few numbers.
