@@ -113,16 +113,36 @@ pub struct Inference {
     pub ratio_if_known: f64,
     /// How the newest batch came out against what was predicted of it.
     pub proof: Option<Proof>,
-    /// The runs: names and misfits with the noise alone, from the best.
-    pub runs: Vec<(String, f64)>,
+    /// The runs, from the best.
+    pub runs: Vec<Run>,
+    /// Names of the observables.
+    pub observables: Vec<String>,
+    /// Whether the residuals of each are correlated from step to step.
+    pub correlated: Vec<bool>,
     /// Where they stand, in the same order, shape (runs, parameters that vary).
     pub places: Vec<Vec<f64>>,
     measured: Measured,
 }
 
+/// A real run beside the posterior.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Name of its sample.
+    pub name: String,
+    /// Its misfit with the noise alone, summed.
+    pub misfit: f64,
+    /// Mean over observables and steps of |r| over the observable's range.
+    pub error: f64,
+}
+
 /// Particles for a first look, and for the posterior.
 const FIRST_PARTICLES: usize = 600;
 const PARTICLES: usize = 2000;
+
+/// Kurtosis of the standardised errors, and their size in standard deviations of the noise, from which a
+/// simulator is too rough for an emulator.
+const UNFIT_KURTOSIS: f64 = 9.0;
+const UNFIT_ERROR: f64 = 0.5;
 
 /// Below this share of the noise's variance, the simulation's scatter makes no difference.
 const SCATTER_COUNTS: f64 = 0.02;
@@ -255,6 +275,7 @@ fn from_prior(space: &Space, nuisances: usize, count: usize, seed: u64) -> Resul
 struct Outcome {
     population: Population,
     nuisances: Nuisances,
+    correlated: Vec<bool>,
     chi_square: Option<ChiSquare>,
 }
 
@@ -273,14 +294,17 @@ fn sample_settled(
         Likelihood::new(emulator, space, measured, surrogate.calibration, nuisances)
     };
     let mut nuisances = nuisances.clone();
-    if !(options.noise_as_stated && measured.is_known) {
+    let correlated = {
         let free = Nuisances { correlation: vec![true; measured.observables()], ..nuisances.clone() };
         let likelihood = with(free);
         let extra = measured.observables();
         let mut points = first.points.clone();
         points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
         let points = fittest(&likelihood, points, 40);
-        nuisances.correlation = noise::correlated(&likelihood, &points, measured);
+        noise::correlated(&likelihood, &points, measured)
+    };
+    if !(options.noise_as_stated && measured.is_known) {
+        nuisances.correlation.clone_from(&correlated);
     }
     let mut population = sample_from(&with(nuisances.clone()), space, &first.points, options.seed)?;
     let prior_sd: Vec<f64> = prior_sd(space)?;
@@ -301,7 +325,7 @@ fn sample_settled(
         }
         chi_square = Some(test);
     }
-    Ok(Outcome { population, nuisances, chi_square })
+    Ok(Outcome { population, nuisances, correlated, chi_square })
 }
 
 fn parameters_of(population: &Population, space: &Space) -> Vec<Vec<f64>> {
@@ -376,7 +400,7 @@ fn finish(
     (samples, ensemble): (&Samples, &Ensemble),
     options: Options,
 ) -> Result<Inference> {
-    let Outcome { population, nuisances, chi_square } = outcome;
+    let Outcome { population, nuisances, correlated, chi_square } = outcome;
     let likelihood =
         Likelihood::new(&surrogate.emulator, &space, &measured, surrogate.calibration, nuisances.clone());
     let points = thinned(&population.points, options.draws, options.seed);
@@ -409,7 +433,12 @@ fn finish(
         .iter()
         .map(|&run| index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i])))
         .collect();
-    let runs = ranked.order.iter().map(|&run| (ensemble.samples[run].clone(), ranked.misfit[run])).collect();
+    let run = |&run: &usize| {
+        let curve = ensemble.curves(run).concat();
+        let residual = measured.values.iter().zip(&curve).map(|(seen, y)| seen - y).collect();
+        Run { name: ensemble.samples[run].clone(), misfit: ranked.misfit[run], error: error(&residual) }
+    };
+    let runs = ranked.order.iter().map(run).collect();
     Ok(Inference {
         values: points.iter().map(|x| space.values(x)).collect(),
         misfit: fits.iter().map(|fit| fit.square).collect(),
@@ -422,6 +451,8 @@ fn finish(
         ratio_if_known,
         proof,
         runs,
+        observables: ensemble.observables.clone(),
+        correlated,
         places,
         noise,
         nuisances,
@@ -485,6 +516,11 @@ impl Inference {
             calibration: self.surrogate.calibration,
         };
         Ok(choice.next(count, seed)?.iter().map(|x| self.space.values(x)).collect())
+    }
+
+    /// Whether no emulator follows the simulator.
+    pub fn is_unfit(&self) -> bool {
+        self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR
     }
 
     /// The measurement as it was compared.
