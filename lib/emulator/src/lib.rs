@@ -40,11 +40,13 @@ use train::{Search, train};
 /// What may be chosen about an emulator.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Standard deviation of the measurement's noise, shape (observables, steps). What the components
-    /// leave over stays below a tenth of it; below 1e-6 of the variance if absent.
+    /// Standard deviation of the measurement's noise, shape (observables, steps).
     pub noise: Option<Vec<Vec<f64>>>,
     /// Components at most.
     pub max_components: usize,
+    /// Variance that the components may leave over, as a share of the noise's, or of the runs' where there is
+    /// no noise; 0.01 and 1e-6 if absent.
+    pub leftover: Option<f64>,
     /// Mean function; linear if absent and there are at least three runs for each of its terms, else
     /// constant.
     pub mean: Option<Mean>,
@@ -58,7 +60,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: None, max_components: 15, mean: None, kernel: Kernel::default(), starts: 4, seed: 0 }
+        Self { noise: None, max_components: 15, leftover: None, mean: None, kernel: Kernel::default(), starts: 4, seed: 0 }
     }
 }
 
@@ -153,13 +155,15 @@ impl Emulator {
                     scale.len() == m * steps && scale.iter().all(|&sd| sd > 0.0),
                     "the noise of an emulator is not positive, or not that of {m} observables at {steps} steps"
                 );
-                (scale, Enough { leftover: 0.01, share: 1e-12, most: options.max_components })
+                let leftover = options.leftover.unwrap_or(0.01);
+                (scale, Enough { leftover, share: 1e-12, most: options.max_components })
             }
             None => {
                 let ranges = (0..m).map(|j| range_of(&curves, j, steps));
                 let scale =
                     ranges.flat_map(|range| vec![if range > 0.0 { range } else { 1.0 }; steps]).collect();
-                (scale, Enough { leftover: 0.0, share: 1e-6, most: options.max_components })
+                let share = options.leftover.unwrap_or(1e-6);
+                (scale, Enough { leftover: 0.0, share, most: options.max_components })
             }
         };
         let components = Components::new(&curves, &scale, enough)?;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl_table::TableWriter;
-use pipelines::coverage::looped::{Outcome, replicate};
+use pipelines::coverage::looped::{Outcome, repeated, replicate};
 use pipelines::coverage::problem::{PROBLEMS, Problem};
 use rayon::prelude::*;
 
@@ -21,6 +21,9 @@ struct Args {
     /// Seed of the first replicate
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Compare the true posterior with itself by other seeds instead
+    #[arg(long)]
+    repeat: bool,
     /// Say what happens at every batch
     #[arg(long)]
     verbose: bool,
@@ -32,6 +35,9 @@ fn run(args: &Args) -> Result<()> {
     } else {
         args.problems.iter().map(|name| Problem::named(name)).collect::<Result<_>>()?
     };
+    if args.repeat {
+        return repeat(&problems, args);
+    }
     let columns = [
         "problem", "replicates", "runs", "runs_most", "unsettled", "coverage90", "sd_ratio", "sd_ratio_10", "sd_ratio_90",
         "sd_ratio_least", "shift", "shift_90", "correlated", "inflated", "mode_kept",
@@ -64,6 +70,18 @@ fn run(args: &Args) -> Result<()> {
         table.numbers(&[share(&|o| o.is_correlated), share(&|o| o.is_inflated)]);
         table.number(if modes.is_empty() { 1.0 } else { kept / modes.len() as f64 });
         table.end_row()?;
+    }
+    table.finish()
+}
+
+/// Largest shift of a mean and smallest and largest ratio of a standard deviation from one seed to another.
+fn repeat(problems: &[Problem], args: &Args) -> Result<()> {
+    let mut table = TableWriter::create(None, &["problem", "replicate", "shift", "ratio_least", "ratio_most"])?;
+    for problem in problems {
+        for i in 0..args.num {
+            let (shift, least, most) = repeated(problem, 1_000_003 * (args.seed + i))?;
+            table.text(problem.name).number(i as f64).numbers(&[shift, least, most]).end_row()?;
+        }
     }
     table.finish()
 }

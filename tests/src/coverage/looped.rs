@@ -93,6 +93,33 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
     unreachable!("the loop ends by its number of runs")
 }
 
+/// How far the true posterior is from itself by another seed: the largest shift of a mean in standard
+/// deviations, the smallest and the largest ratio of standard deviations.
+///
+/// # Errors
+/// If a posterior cannot be sampled.
+pub fn repeated(problem: &Problem, seed: u64) -> Result<(f64, f64, f64)> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let truth: Vec<f64> = (0..problem.parameters).map(|_| generator.random()).collect();
+    let observations = problem.measure(&truth, &mut generator);
+    let one = reference::posterior(problem, &observations, seed)?;
+    let other = reference::posterior(problem, &observations, seed + 1)?;
+    let (mut shift, mut least, mut most) = (0.0_f64, f64::INFINITY, 0.0_f64);
+    for j in 0..problem.parameters {
+        let ((a, s), (b, t)) = (moments(&one, j), moments(&other, j));
+        shift = shift.max((a - b).abs() / s);
+        (least, most) = (least.min(t / s), most.max(t / s));
+    }
+    Ok((shift, least, most))
+}
+
+/// Mean and standard deviation of a coordinate.
+fn moments(points: &[Vec<f64>], j: usize) -> (f64, f64) {
+    let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
+    let weights = vec![1.0 / column.len() as f64; column.len()];
+    (mean(&column, &weights), sd(&column, &weights))
+}
+
 fn said(
     inference: &Inference,
     asked: &[gl_emulator::posterior::settled::Criterion],
@@ -128,11 +155,6 @@ fn said(
 
 /// Ratio of standard deviations and shift of means, by parameter.
 fn compare(inference: &Inference, exact: &[Vec<f64>]) -> Vec<(f64, f64)> {
-    let moments = |points: &[Vec<f64>], j: usize| {
-        let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
-        let weights = vec![1.0 / column.len() as f64; column.len()];
-        (mean(&column, &weights), sd(&column, &weights))
-    };
     (0..inference.space.len())
         .map(|j| {
             let ((here, spread), (there, true_spread)) = (moments(&inference.points, j), moments(exact, j));

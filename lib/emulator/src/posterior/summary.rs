@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use gl_inference::samples::Samples;
-use gl_inference::summary::{Summary, leaning};
+use gl_inference::summary::{ParameterSummary, Summary, leaning};
 use gl_inference::weights::Weights;
 use gl_numeric::statistics::{Quantiles, mean, sd};
 use gl_table::verdict::Verdicts;
@@ -106,72 +106,71 @@ impl Inference {
         let even = vec![1.0 / n as f64; n];
         let of_runs = self.weights_of_runs(samples)?;
         let ess_runs = 1.0 / of_runs.weight.iter().map(|w| w * w).sum::<f64>();
-        let mut summary = Summary::default();
-        summary.number("runs", self.runs.len() as f64);
-        summary.number("failed", (samples.len() - self.runs.len()) as f64);
-        summary.number("sigma", self.variance());
-        summary.number("sigma_noise", self.variance());
-        summary.number("ess", 1.0);
-        summary.number("ess_runs", ess_runs);
-        summary.number("ensemble_error", mean(&self.error, &even));
-        summary.number("best_error", self.runs[0].error);
-        summary.number("best_misfit", self.runs[0].misfit);
-        if self.measured().is_known {
-            summary.number("best_misfit_over_noise", self.runs[0].misfit / self.measured().values.len() as f64);
-        }
-        summary.text("best_sample", &self.runs[0].name);
-        summary.number("ln_evidence", self.ln_evidence);
-        self.add_trust(&mut summary);
-        let best = self.space.place(&of_runs.values[0]);
-        let prior_sd = self.space.prior().parameters();
-        for (j, name) in self.space.prior().names().iter().enumerate() {
+        let known = self.measured().is_known.then_some(self.measured().values.len() as f64);
+        let mut summary = Summary {
+            runs: Some(self.runs.len() as f64),
+            failed: Some((samples.len() - self.runs.len()) as f64),
+            sigma: Some(self.variance()),
+            sigma_noise: Some(self.variance()),
+            ess: Some(1.0),
+            ess_runs: Some(ess_runs),
+            ensemble_error: Some(mean(&self.error, &even)),
+            best_sample: Some(self.runs[0].name.clone()),
+            best_error: Some(self.runs[0].error),
+            best_misfit: Some(self.runs[0].misfit),
+            best_misfit_over_noise: known.map(|readings| self.runs[0].misfit / readings),
+            ln_evidence: Some(self.ln_evidence),
+            ..self.trust()
+        };
+        for (j, name) in self.space.prior().names().into_iter().enumerate() {
             let column: Vec<f64> = self.values.iter().map(|row| row[j]).collect();
-            let (centre, spread) = (mean(&column, &even), sd(&column, &even));
-            let varied = self.space.varied().iter().position(|&v| v == j);
-            let quantiles = Quantiles::new(&column, &even);
-            let parameter = &prior_sd[j];
-            summary.number(format!("mean({name})"), centre);
-            let spread = if varied.is_some() { spread } else { 0.0 };
-            summary.number(format!("sd({name})"), spread);
+            let is_varied = self.space.varied().contains(&j);
+            let parameter = &self.space.prior().parameters()[j];
+            let (centre, spread) = (mean(&column, &even), if is_varied { sd(&column, &even) } else { 0.0 });
             let cv = if spread == 0.0 { 0.0 } else { spread / centre };
-            summary.number(format!("cv({name})"), if cv.is_finite() { cv } else { 0.0 });
-            summary.number(format!("q05({name})"), quantiles.at(0.05));
-            summary.number(format!("q95({name})"), quantiles.at(0.95));
-            let at_best = varied.map_or(centre, |place| parameter.at_coordinate(best[place]));
-            summary.number(format!("best({name})"), at_best);
-            let lean = leaning(centre, spread, (parameter.lower, parameter.upper));
-            summary.number(format!("lean({name})"), if varied.is_some() { f64::from(lean) } else { 0.0 });
-            if varied.is_some() {
-                summary.number(format!("shrinkage({name})"), 1.0 - (spread / parameter.sd()).powi(2));
-            }
+            let quantiles = Quantiles::new(&column, &even);
+            let lean = if is_varied { leaning(centre, spread, (parameter.lower, parameter.upper)) } else { 0 };
+            summary.parameters.push(ParameterSummary {
+                name,
+                mean: Some(centre),
+                sd: Some(spread),
+                cv: Some(if cv.is_finite() { cv } else { 0.0 }),
+                q05: Some(quantiles.at(0.05)),
+                q95: Some(quantiles.at(0.95)),
+                best: Some(of_runs.values[0][j]),
+                lean: Some(f64::from(lean)),
+                shrinkage: is_varied.then(|| 1.0 - (spread / parameter.sd()).powi(2)),
+            });
         }
         Ok(summary)
     }
 
     /// What the posterior rests on, and how far it can be trusted.
-    fn add_trust(&self, summary: &mut Summary) {
+    fn trust(&self) -> Summary {
         let n = self.noise.len() as f64;
-        summary.number("draws", self.points.len() as f64);
-        summary.number("ignorance", self.ignorance);
-        summary.number("rmse", self.surrogate.rmse);
-        summary.number("calibration", self.surrogate.calibration);
-        summary.number("scatter", self.noise.iter().map(|noise| noise.scatter).sum::<f64>() / n);
-        summary.number("inflation", if self.nuisances.inflation { self.variance().sqrt() } else { 1.0 });
-        for (j, name) in self.observables.iter().enumerate() {
-            let correlation = self.noise.iter().map(|noise| noise.correlation[j]).sum::<f64>() / n;
-            summary.number(format!("correlation({name})"), correlation);
+        let correlations = (0..self.observables.len()).map(|j| self.correlation_of(j));
+        Summary {
+            draws: Some(self.points.len() as f64),
+            ignorance: Some(self.ignorance),
+            rmse: Some(self.surrogate.rmse),
+            calibration: Some(self.surrogate.calibration),
+            scatter: Some(self.noise.iter().map(|noise| noise.scatter).sum::<f64>() / n),
+            inflation: Some(if self.nuisances.inflation { self.variance().sqrt() } else { 1.0 }),
+            correlation: Some(correlations.fold(0.0, f64::max)),
+            independent_readings: Some(self.independent_readings),
+            chi_square: self.chi_square.map(|test| test.value),
+            chi_square_degrees: self.chi_square.map(|test| test.degrees),
+            chi_square_p: self.chi_square.map(|test| test.p),
+            proof_runs: self.proof.map(|proof| proof.runs as f64),
+            proof_z: self.proof.map(|proof| proof.z),
+            proof_p: self.proof.map(|proof| proof.p),
+            ..Summary::default()
         }
-        summary.number("independent_readings", self.independent_readings);
-        if let Some(test) = self.chi_square {
-            summary.number("chi_square", test.value);
-            summary.number("chi_square_degrees", test.degrees);
-            summary.number("chi_square_p", test.p);
-        }
-        if let Some(proof) = self.proof {
-            summary.number("proof_runs", proof.runs as f64);
-            summary.number("proof_z", proof.z);
-            summary.number("proof_p", proof.p);
-        }
+    }
+
+    /// Mean correlation of an observable's noise from step to step.
+    fn correlation_of(&self, observable: usize) -> f64 {
+        self.noise.iter().map(|noise| noise.correlation[observable]).sum::<f64>() / self.noise.len() as f64
     }
 
     /// What a user should know before trusting the numbers.
@@ -254,16 +253,9 @@ impl Inference {
         verdicts
     }
 
-    /// The observables whose noise is counted as correlated, with the correlation.
+    /// The observables whose residuals are correlated, with the correlation that is counted with.
     fn correlations(&self) -> Vec<(&String, f64)> {
-        let n = self.noise.len() as f64;
-        let of = |j: usize| self.noise.iter().map(|noise| noise.correlation[j]).sum::<f64>() / n;
-        let is_found = |j: usize| self.correlated[j];
-        self.observables
-            .iter()
-            .enumerate()
-            .filter(|(j, _)| is_found(*j))
-            .map(|(j, name)| (name, of(j)))
-            .collect()
+        let found = self.observables.iter().enumerate().filter(|(j, _)| self.correlated[*j]);
+        found.map(|(j, name)| (name, self.correlation_of(j))).collect()
     }
 }

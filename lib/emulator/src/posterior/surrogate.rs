@@ -15,7 +15,12 @@ use crate::{Emulator, Options};
 const MOST_RUNS: usize = 220;
 
 /// Components at most.
-const COMPONENTS: usize = 20;
+const COMPONENTS: usize = 24;
+
+/// Variance that the components may leave over, summed over the readings, in that of the noise: it may be the
+/// same error at all of them. A share of the runs' variance where the noise is not known.
+const LEFTOVER: f64 = 0.02;
+const LEFTOVER_SHARE: f64 = 1e-8;
 
 /// Starts of the search for lengths.
 const STARTS: usize = 5;
@@ -180,8 +185,11 @@ impl<'a> Ranked<'a> {
     ) -> Result<Surrogate> {
         let runs = self.some(best, others);
         let noise = measured.is_known.then(|| measured.base.chunks(measured.steps).map(<[f64]>::to_vec).collect());
+        let leftover =
+            if measured.is_known { LEFTOVER / measured.values.len() as f64 } else { LEFTOVER_SHARE };
         let options = Options {
             noise,
+            leftover: Some(leftover),
             max_components: COMPONENTS,
             kernel: recipe.kernel,
             starts: STARTS,
