@@ -104,8 +104,8 @@ pub struct Inference {
     pub chi_square: Option<ChiSquare>,
     /// Independent readings among the residuals of the best fit.
     pub independent_readings: f64,
-    /// Standard deviation of ln likelihood by what the emulator does not know, the root of its mean square
-    /// over the posterior.
+    /// Standard deviation of ln likelihood within the posterior by what the emulator does not know, the root of
+    /// its mean square; see [`Likelihood::ignorance`].
     pub ignorance: f64,
     /// Largest change of a mean, in standard deviations, if the emulator were exact.
     pub shift_if_known: f64,
@@ -144,6 +144,9 @@ const PARTICLES: usize = 2000;
 const UNFIT_KURTOSIS: f64 = 9.0;
 const UNFIT_ERROR: f64 = 0.5;
 
+/// Draws whose likelihoods are compared in pairs.
+const PAIRED: usize = 400;
+
 /// Below this share of the noise's variance, the simulation's scatter makes no difference.
 const SCATTER_COUNTS: f64 = 0.02;
 
@@ -177,6 +180,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let population = sample(&posterior, start, effort)?;
     stage.advance();
 
+    let ranked = ranked.by_prediction(&first.emulator, &measured)?;
     let surrogate = ranked.best(&measured, options.seed)?;
     stage.advance();
     let outcome = sample_settled(&surrogate, &space, &measured, likelihood.nuisances(), &population, options)?;
@@ -419,17 +423,21 @@ fn finish(
         shares.sum::<f64>() / residual.len() as f64
     };
     let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
-    let squares: Vec<f64> = points
-        .par_iter()
-        .zip(&noise)
-        .map(|(x, noise)| (likelihood.importance(noise) * likelihood.ignorance(x)).trace())
+    let squares: Vec<f64> = points[..PAIRED.min(points.len())]
+        .par_chunks_exact(2)
+        .zip(noise.par_chunks_exact(2))
+        .map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], &noise[0]))
         .collect();
-    let ignorance = (squares.iter().sum::<f64>() / squares.len() as f64).max(0.0).sqrt();
+    let ignorance = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
     let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
     let index = samples.index();
-    let places = ranked
-        .order
+    let mut order = ranked.order.clone();
+    order.sort_by(|&a, &b| {
+        let names = || ensemble.samples[a].cmp(&ensemble.samples[b]);
+        ranked.misfit[a].total_cmp(&ranked.misfit[b]).then_with(names)
+    });
+    let places = order
         .iter()
         .map(|&run| index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i])))
         .collect();
@@ -438,7 +446,7 @@ fn finish(
         let residual = measured.values.iter().zip(&curve).map(|(seen, y)| seen - y).collect();
         Run { name: ensemble.samples[run].clone(), misfit: ranked.misfit[run], error: error(&residual) }
     };
-    let runs = ranked.order.iter().map(run).collect();
+    let runs = order.iter().map(run).collect();
     Ok(Inference {
         values: points.iter().map(|x| space.values(x)).collect(),
         misfit: fits.iter().map(|fit| fit.square).collect(),

@@ -8,7 +8,7 @@
 //! the components' number only.
 
 use gl_numeric::statistics::ln_sum_exp;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::smc::Target;
 use super::space::Space;
@@ -31,6 +31,12 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// Σ (r / base)² for simulated readings, shape (observables · steps).
+    pub fn misfit(&self, simulated: &[f64]) -> f64 {
+        let pairs = self.values.iter().zip(simulated).zip(&self.base);
+        pairs.map(|((seen, simulated), base)| ((seen - simulated) / base).powi(2)).sum()
+    }
+
     /// Number of observables.
     pub fn observables(&self) -> usize {
         self.ranges.len()
@@ -369,10 +375,25 @@ impl<'a> Likelihood<'a> {
         importance
     }
 
-    /// The covariance of what the emulator does not know of the scores at a point.
-    pub fn ignorance(&self, x: &[f64]) -> DMatrix<f64> {
-        let (_, variance) = self.emulator.predict_scores(&self.space.coordinates(x));
-        self.emulator.score_covariance(&variance) * self.calibration
+    /// Half the variance that the difference of ln likelihood between two points has by what the emulator does
+    /// not know: ½ (Δᵀ H V H Δ + tr H D), with Δ the difference of the mean scores, H of
+    /// [`Likelihood::importance`], V the covariance of the scores' errors and D that of the errors' difference.
+    /// An error that both points share counts only where it points from one to the other.
+    pub fn ignorance(&self, one: &[f64], other: &[f64], noise: &NoiseAt) -> f64 {
+        let coordinates = [one, other].map(|x| self.space.coordinates(x));
+        let [a, b] = coordinates.each_ref().map(|x| self.emulator.places(x));
+        let [mean, to] = coordinates.each_ref().map(|x| DVector::from_vec(self.emulator.mean_scores(x)));
+        let (mut shared, mut apart) = (Vec::new(), Vec::new());
+        for (process, (a, b)) in self.emulator.processes().iter().zip(a.iter().zip(&b)) {
+            let both = process.covariance(a, b);
+            let own = [process.covariance(a, a), process.covariance(b, b)];
+            shared.push(self.calibration * (0.5 * (own[0] + own[1])).max(0.0));
+            apart.push(self.calibration * (own[0] + own[1] - 2.0 * both).max(0.0));
+        }
+        let importance = self.importance(noise);
+        let along = &importance * (to - mean);
+        let shared = along.dot(&(self.emulator.score_covariance(&shared) * &along));
+        0.5 * (shared + (importance * self.emulator.score_covariance(&apart)).trace())
     }
 }
 

@@ -19,7 +19,7 @@ pub struct Tolerances {
 
 impl Default for Tolerances {
     fn default() -> Self {
-        Self { ignorance: 0.7, shift: 0.3, spread: 0.2, z: 1.6 }
+        Self { ignorance: 0.5, shift: 0.3, spread: 0.2, z: 1.6 }
     }
 }
 

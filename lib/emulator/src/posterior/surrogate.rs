@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use anyhow::{Context, Result};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::samples::Samples;
+use nalgebra::DVector;
 
 use super::likelihood::Measured;
 use super::space::Space;
@@ -14,6 +15,9 @@ use crate::{Emulator, Options};
 /// Runs that an emulator learns from at most; its cost grows with their cube.
 const MOST_RUNS: usize = 220;
 
+/// Runs that the first look learns from at most.
+const MOST_FIRST: usize = 150;
+
 /// Components at most.
 const COMPONENTS: usize = 24;
 
@@ -21,6 +25,9 @@ const COMPONENTS: usize = 24;
 /// same error at all of them. A share of the runs' variance where the noise is not known.
 const LEFTOVER: f64 = 0.02;
 const LEFTOVER_SHARE: f64 = 1e-8;
+
+/// Share of another emulator's error below which one is better, not by chance.
+const BETTER: f64 = 0.9;
 
 /// Starts of the search for lengths.
 const STARTS: usize = 5;
@@ -67,21 +74,41 @@ pub struct Ranked<'a> {
 impl<'a> Ranked<'a> {
     /// Rank all runs of an ensemble.
     pub fn new(space: &'a Space, samples: &'a Samples, ensemble: &'a Ensemble, measured: &Measured) -> Self {
-        let misfit: Vec<f64> = (0..ensemble.len())
-            .map(|run| {
-                (0..measured.values.len())
-                    .map(|o| {
-                        let simulated = ensemble.curve(run, o / measured.steps)[o % measured.steps];
-                        ((measured.values[o] - simulated) / measured.base[o]).powi(2)
-                    })
-                    .sum()
-            })
-            .collect();
+        let misfit: Vec<f64> =
+            (0..ensemble.len()).map(|run| measured.misfit(&ensemble.curves(run).concat())).collect();
         let mut order: Vec<usize> = (0..ensemble.len()).collect();
         order.sort_by(|&a, &b| {
             misfit[a].total_cmp(&misfit[b]).then_with(|| ensemble.samples[a].cmp(&ensemble.samples[b]))
         });
         Self { space, samples, ensemble, order, misfit }
+    }
+
+    /// The same runs, ranked by what an emulator predicts at their parameters: where the simulator scatters,
+    /// those that fit best by themselves are those that scatter towards the measurement.
+    ///
+    /// # Errors
+    /// If a sample lacks a parameter.
+    pub fn by_prediction(&self, emulator: &Emulator, measured: &Measured) -> Result<Self> {
+        let values = self.samples.columns(&self.space.prior().names())?;
+        let index = self.samples.index();
+        let predicted: Vec<f64> = self
+            .ensemble
+            .samples
+            .iter()
+            .zip(&self.misfit)
+            .map(|(name, misfit)| {
+                let Some(&place) = index.get(name.as_str()) else { return *misfit };
+                let scores = emulator.mean_scores(&emulator.coordinates(&values[place]));
+                let curve = emulator.centre() + emulator.basis() * DVector::from_vec(scores);
+                measured.misfit(curve.as_slice())
+            })
+            .collect();
+        let mut order = self.order.clone();
+        order.sort_by(|&a, &b| {
+            let names = || self.ensemble.samples[a].cmp(&self.ensemble.samples[b]);
+            predicted[a].total_cmp(&predicted[b]).then_with(names)
+        });
+        Ok(Self { order, ..self.clone() })
     }
 
     /// The same without some runs.
@@ -125,7 +152,7 @@ impl<'a> Ranked<'a> {
     /// # Errors
     /// See [`Emulator::fit`].
     pub fn first_look(&self, measured: &Measured, seed: u64) -> Result<Surrogate> {
-        self.train(Recipe { kernel: Kernel::Matern, is_local: false }, (80, 30), measured, seed)
+        self.train(Recipe { kernel: Kernel::Matern, is_local: false }, (MOST_FIRST * 3 / 4, MOST_FIRST / 4), measured, seed)
     }
 
     /// The emulator that predicts the runs near the posterior best, each left out in turn: of smooth or
@@ -137,7 +164,7 @@ impl<'a> Ranked<'a> {
         let mut candidates = Vec::new();
         let is_local_possible = self.len() / 2 >= 5 * (self.space.len() + 1);
         for is_local in [false, true] {
-            for kernel in [Kernel::Gaussian, Kernel::Matern] {
+            for kernel in [Kernel::Matern, Kernel::Gaussian] {
                 if !is_local || is_local_possible {
                     candidates.push(Recipe { kernel, is_local });
                 }
@@ -148,7 +175,7 @@ impl<'a> Ranked<'a> {
         for recipe in candidates {
             match self.by(recipe, measured, seed) {
                 Ok(surrogate) => {
-                    if best.as_ref().is_none_or(|best| surrogate.rmse < best.rmse) {
+                    if best.as_ref().is_none_or(|best| surrogate.rmse < BETTER * best.rmse) {
                         best = Some(surrogate);
                     }
                 }
