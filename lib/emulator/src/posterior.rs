@@ -10,7 +10,6 @@ pub mod likelihood;
 pub mod mixture;
 pub mod noise;
 mod proof;
-pub mod settled;
 pub mod smc;
 pub mod space;
 pub mod summary;

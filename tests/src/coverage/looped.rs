@@ -1,10 +1,10 @@
 //! The loop on one problem, and what came of it.
 
 use anyhow::Result;
-use gl_emulator::posterior::settled::{Moments, Tolerances, batch_size, criteria, first_design};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
-use gl_inference::design::{Effects, draw};
+use gl_inference::design::{Effects, batch_runs, draw, first_runs};
 use gl_inference::samples::{Samples, sample_names};
+use gl_inference::stop::{Criterion, Previous, Tolerances, criteria};
 use gl_numeric::sequence::Method;
 use gl_numeric::statistics::{Quantiles, mean, sd};
 use rand::{Rng, SeedableRng};
@@ -56,8 +56,8 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
     let mut samples = Samples { source: "samples".into(), parameters: prior.names(), ..Samples::default() };
     let mut ensemble = problem.ensemble(&observations);
     let d = problem.parameters;
-    let mut next = draw(&prior, &Effects::None, Method::Sobol, first_design(d), seed, true)?;
-    let (mut before, mut newest): (Option<Moments>, Vec<String>) = (None, Vec::new());
+    let mut next = draw(&prior, &Effects::None, Method::Sobol, first_runs(d), seed, true)?;
+    let (mut before, mut newest) = (Previous::First, Vec::new());
     for iteration in 0.. {
         let names = sample_names("run", iteration, next.len())?;
         for (name, values) in names.iter().zip(next) {
@@ -78,8 +78,9 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
             newest: &newest,
         };
         let inference = infer(&question, Options { seed: seed + iteration as u64, ..Options::default() })?;
-        let asked = criteria(&inference, before.as_ref(), &Tolerances::default());
-        let is_settled = asked.iter().all(|criterion| criterion.is_met);
+        let summary = inference.summary(&samples)?;
+        let asked = criteria(&summary, &Tolerances::default(), None, &before)?;
+        let is_settled = asked.iter().any(|criterion| criterion.is_met && !criterion.is_part);
         if is_verbose {
             eprintln!("{} {seed} {} runs: {}", problem.name, samples.len(), said(&inference, &asked, &exact));
         }
@@ -87,8 +88,8 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
             let last = said(&inference, &asked, &exact);
             return Ok(outcome(&inference, &exact, &truth, samples.len(), is_settled, last));
         }
-        before = Some(Moments::new(&inference));
-        next = inference.next_runs(batch_size(d), seed + 1000 + iteration as u64)?;
+        before = Previous::Iteration(Box::new(summary));
+        next = inference.next_runs(batch_runs(d), seed + 1000 + iteration as u64)?;
     }
     unreachable!("the loop ends by its number of runs")
 }
@@ -122,7 +123,7 @@ fn moments(points: &[Vec<f64>], j: usize) -> (f64, f64) {
 
 fn said(
     inference: &Inference,
-    asked: &[gl_emulator::posterior::settled::Criterion],
+    asked: &[Criterion],
     exact: &[Vec<f64>],
 ) -> String {
     let criteria: Vec<String> = asked

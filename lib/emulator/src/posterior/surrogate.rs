@@ -271,7 +271,7 @@ impl LeftOut {
         let leftover: f64 =
             emulator.leftover().iter().zip(&measured.base).map(|(v, base)| v / (base * base)).sum();
         let (mut squares, mut errors, mut ignorance, mut scattered) = (0.0, 0.0, 0.0, 0.0);
-        let (mut second, mut fourth, mut count) = (0.0, 0.0, 0.0);
+        let (mut second, mut fourth, mut count, mut count_squares) = (0.0, 0.0, 0.0, 0.0);
         for &i in &places {
             let mut square = leftover;
             for (c, weight) in weight.iter().enumerate() {
@@ -286,10 +286,15 @@ impl LeftOut {
                 second += share * error / variance;
                 fourth += share * (error / variance).powi(2);
                 count += share;
+                count_squares += share * share;
             }
             squares += (square / outputs as f64).max(1e-8).ln();
         }
-        let calibration = ((errors - scattered) / ignorance.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_CALIBRATION);
+        // Of the scatter's squares, no more is known than their number says.
+        let known = count * count / count_squares.max(f64::MIN_POSITIVE);
+        let chance = scattered * (2.0 / known).sqrt();
+        let calibration =
+            ((errors - scattered - chance) / ignorance.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_CALIBRATION);
         let kurtosis = (fourth / count) / (second / count).powi(2).max(f64::MIN_POSITIVE);
         Some(Self {
             rmse: (0.5 * squares / places.len() as f64).exp(),
