@@ -35,7 +35,7 @@ use gl_progress::stage;
 use gp::{Gp, Kernel, Mean, Points};
 use inputs::Inputs;
 pub use inputs::Reach;
-use train::{Search, train};
+use train::{SHORT_LENGTH, Search, train};
 
 /// What may be chosen about an emulator.
 #[derive(Clone, Debug)]
@@ -52,6 +52,8 @@ pub struct Options {
     pub mean: Option<Mean>,
     /// Correlation of the processes.
     pub kernel: Kernel,
+    /// Lengths, in ranges of the runs, below which there must be good reason to believe in them.
+    pub short_length: f64,
     /// Number of places that the search for the lengths starts from.
     pub starts: usize,
     /// Seed of those places.
@@ -60,7 +62,16 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: None, max_components: 15, leftover: None, mean: None, kernel: Kernel::default(), starts: 4, seed: 0 }
+        Self {
+            noise: None,
+            max_components: 15,
+            leftover: None,
+            mean: None,
+            kernel: Kernel::default(),
+            short_length: SHORT_LENGTH,
+            starts: 4,
+            seed: 0,
+        }
     }
 }
 
@@ -170,7 +181,7 @@ impl Emulator {
 
         let rows: Vec<Vec<f64>> = coordinates.iter().map(|run| inputs.at(run)).collect();
         let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
-        let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts };
+        let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts, short_length: options.short_length };
         let points = Points::new(&rows, search.mean)?.with_kernel(options.kernel);
         let stage = stage("training the emulator", components.basis.ncols());
         let processes = (0..components.basis.ncols())

@@ -182,7 +182,9 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let ranked = ranked.by_prediction(&first.emulator, &measured)?;
     let surrogate = ranked.best(&measured, options.seed)?;
     stage.advance();
-    let outcome = sample_settled(&surrogate, &space, &measured, likelihood.nuisances(), &population, options)?;
+    let near = ranked.places()?.into_iter().take(ranked.near()).collect();
+    let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
+    let outcome = sampler.settle(likelihood.nuisances(), &population)?;
     stage.advance();
 
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
@@ -282,53 +284,135 @@ struct Outcome {
     chi_square: Option<ChiSquare>,
 }
 
-/// Sample through an emulator, from near the posterior of the first look, with the noise as the residuals
-/// say it is.
-fn sample_settled(
-    surrogate: &Surrogate,
-    space: &Space,
-    measured: &Measured,
-    nuisances: &Nuisances,
-    first: &Population,
+/// Samples a posterior through one emulator.
+struct Sampler<'a> {
+    surrogate: &'a Surrogate,
+    space: &'a Space,
+    measured: &'a Measured,
     options: Options,
-) -> Result<Outcome> {
-    let emulator = &surrogate.emulator;
-    let with = |nuisances: Nuisances| {
-        Likelihood::new(emulator, space, measured, surrogate.calibration, nuisances)
-    };
-    let mut nuisances = nuisances.clone();
-    let correlated = {
-        let free = Nuisances { correlation: vec![true; measured.observables()], ..nuisances.clone() };
-        let likelihood = with(free);
-        let extra = measured.observables();
-        let mut points = first.points.clone();
-        points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
-        let points = fittest(&likelihood, points, 40);
-        noise::correlated(&likelihood, &points, measured)
-    };
-    if !(options.noise_as_stated && measured.is_known) {
-        nuisances.correlation.clone_from(&correlated);
+    /// Where the runs that fit best stand.
+    near: Vec<Vec<f64>>,
+}
+
+/// A point of a likelihood this much above all draws shows that these lie elsewhere, in ln.
+const MISSED: f64 = 5.0;
+
+impl Sampler<'_> {
+    fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
+        let Self { surrogate, space, measured, .. } = self;
+        Likelihood::new(&surrogate.emulator, space, measured, surrogate.calibration, nuisances)
     }
-    let mut population = sample_from(&with(nuisances.clone()), space, &first.points, options.seed)?;
-    let prior_sd: Vec<f64> = prior_sd(space)?;
-    let taken = noise::decided(&population.points, &prior_sd);
-    let readings = measured.values.len();
-    let best_fit = |nuisances: &Nuisances, points: &[Vec<f64>]| {
-        let likelihood = with(nuisances.clone());
-        let best = fittest(&likelihood, points.to_vec(), 1);
-        likelihood.fit(&best[0])
-    };
-    let mut chi_square = None;
-    if measured.is_known {
-        let test = ChiSquare::new(best_fit(&nuisances, &population.points), readings, taken);
-        if test.is_worse() && !options.noise_as_stated {
-            let inflated = Nuisances { inflation: true, ..nuisances.clone() };
-            population = sample_from(&with(inflated.clone()), space, &parameters_of(&population, space), options.seed)?;
-            nuisances = inflated;
+
+    /// The posterior, from near that of the first look, with the noise as the residuals say it is.
+    fn settle(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
+        let mut correlated = self.correlated(nuisances, &first.points);
+        let mut nuisances = self.with_correlation(nuisances, &correlated);
+        let mut population = self.sample(&nuisances, &first.points)?;
+        let mut best = self.best(&nuisances, &population);
+        let mut test = self.test(best.1, &population)?;
+        if test.is_some_and(ChiSquare::is_worse) || self.is_missed(&nuisances, &best) {
+            // The first look may have seen the wrong place: again, from the whole prior.
+            let plain = Nuisances { correlation: vec![false; correlated.len()], ..nuisances.clone() };
+            let again = self.from_whole_prior(&plain)?;
+            if self.best(&plain, &again).1.ln > best.1.ln + MISSED {
+                correlated = self.correlated(&plain, &again.points);
+                nuisances = self.with_correlation(&plain, &correlated);
+                population = if nuisances == plain { again } else { self.sample(&nuisances, &again.points)? };
+                best = self.best(&nuisances, &population);
+                test = self.test(best.1, &population)?;
+            }
         }
-        chi_square = Some(test);
+        if test.is_some_and(ChiSquare::is_worse) && !self.options.noise_as_stated {
+            nuisances.inflation = true;
+            population = self.sample(&nuisances, &parameters_of(&population, self.space))?;
+        }
+        Ok(Outcome { population, nuisances, correlated, chi_square: test })
     }
-    Ok(Outcome { population, nuisances, correlated, chi_square })
+
+    /// The observables whose residuals are correlated, given points whose nuisances have no correlation.
+    fn correlated(&self, nuisances: &Nuisances, points: &[Vec<f64>]) -> Vec<bool> {
+        let extra = self.measured.observables();
+        let likelihood = self.likelihood(Nuisances { correlation: vec![true; extra], ..nuisances.clone() });
+        let mut points = points.to_vec();
+        points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
+        noise::correlated(&likelihood, &fittest(&likelihood, points, 40), self.measured)
+    }
+
+    fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
+        let is_fixed = self.options.noise_as_stated && self.measured.is_known;
+        let correlation = correlated.iter().map(|is| *is && !is_fixed).collect();
+        Nuisances { correlation, ..nuisances.clone() }
+    }
+
+    /// The draw that fits best, and how well.
+    fn best(&self, nuisances: &Nuisances, population: &Population) -> (Vec<f64>, likelihood::Fit) {
+        let likelihood = self.likelihood(nuisances.clone());
+        let best = fittest(&likelihood, population.points.clone(), 1).swap_remove(0);
+        let fit = likelihood.fit(&best);
+        (best, fit)
+    }
+
+    /// Whether a run that was made stands where the likelihood is far above that of all draws.
+    fn is_missed(&self, nuisances: &Nuisances, (best, fit): &(Vec<f64>, likelihood::Fit)) -> bool {
+        let likelihood = self.likelihood(nuisances.clone());
+        self.near.iter().any(|place| {
+            let mut x = place.clone();
+            x.extend(&best[self.space.len()..]);
+            likelihood.fit(&x).ln > fit.ln + MISSED
+        })
+    }
+
+    fn test(&self, fit: likelihood::Fit, population: &Population) -> Result<Option<ChiSquare>> {
+        if !self.measured.is_known {
+            return Ok(None);
+        }
+        let taken = noise::decided(&population.points, &prior_sd(self.space)?);
+        Ok(Some(ChiSquare::new(fit, self.measured.values.len(), taken)))
+    }
+
+    /// Sample from the whole prior on.
+    fn from_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
+        let likelihood = self.likelihood(nuisances.clone());
+        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: None };
+        let seed = self.options.seed ^ 0x411;
+        let start = from_prior(self.space, nuisances.len(), PARTICLES, seed)?;
+        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed })
+    }
+
+    /// Sample from a mixture about points that are near the posterior, shape (points, first dimensions).
+    fn sample(&self, nuisances: &Nuisances, near: &[Vec<f64>]) -> Result<Population> {
+        let seed = self.options.seed;
+        let likelihood = self.likelihood(nuisances.clone());
+        let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xba5e);
+        let known = near[0].len().min(likelihood.dimensions());
+        let near: Vec<Vec<f64>> = near.iter().map(|x| x[..known].to_vec()).collect();
+        let mixture = LocalMixture::new(&near, 200, 2.0, &mut generator);
+        let large = from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed)?;
+        let is_inside = |x: &[f64]| x.iter().all(|x| (0.0..=1.0).contains(x));
+        let mut start = Vec::with_capacity(PARTICLES);
+        for point in large {
+            // Both shares are drawn again where the mixture falls outside the cube.
+            let drawn = loop {
+                if generator.random_bool(PRIOR_SHARE) {
+                    break None;
+                }
+                let drawn = mixture.draw(&mut generator);
+                if is_inside(&drawn) {
+                    break Some(drawn);
+                }
+            };
+            start.push(match drawn {
+                Some(mut drawn) => {
+                    drawn.extend(&point[known..]);
+                    drawn
+                }
+                None => point,
+            });
+        }
+        let start_density = Some(Start { mixture, dimensions: known });
+        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: start_density };
+        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed: seed ^ 0xf00d })
+    }
 }
 
 fn parameters_of(population: &Population, space: &Space) -> Vec<Vec<f64>> {
@@ -351,45 +435,6 @@ fn fittest(likelihood: &Likelihood<'_>, points: Vec<Vec<f64>>, count: usize) -> 
     fits.sort_by(|a, b| b.0.total_cmp(&a.0));
     fits.truncate(count);
     fits.into_iter().map(|(_, x)| x).collect()
-}
-
-/// Sample a posterior from a mixture about points that are near it, shape (points, first dimensions).
-fn sample_from(
-    likelihood: &Likelihood<'_>,
-    space: &Space,
-    near: &[Vec<f64>],
-    seed: u64,
-) -> Result<Population> {
-    let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xba5e);
-    let known = near[0].len().min(likelihood.dimensions());
-    let near: Vec<Vec<f64>> = near.iter().map(|x| x[..known].to_vec()).collect();
-    let mixture = LocalMixture::new(&near, 200, 2.0, &mut generator);
-    let large = from_prior(space, likelihood.nuisances().len(), PARTICLES, seed)?;
-    let is_inside = |x: &[f64]| x.iter().all(|x| (0.0..=1.0).contains(x));
-    let mut start = Vec::with_capacity(PARTICLES);
-    for point in large {
-        // Both shares are drawn again where the mixture falls outside the cube.
-        let drawn = loop {
-            if generator.random_bool(PRIOR_SHARE) {
-                break None;
-            }
-            let drawn = mixture.draw(&mut generator);
-            if is_inside(&drawn) {
-                break Some(drawn);
-            }
-        };
-        start.push(match drawn {
-            Some(mut drawn) => {
-                drawn.extend(&point[known..]);
-                drawn
-            }
-            None => point,
-        });
-    }
-    let posterior =
-        Posterior { likelihood, space, start: Some(Start { mixture, dimensions: known }) };
-    let effort = Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed: seed ^ 0xf00d };
-    sample(&posterior, start, effort)
 }
 
 #[allow(clippy::too_many_arguments)]

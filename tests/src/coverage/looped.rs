@@ -77,7 +77,7 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
             steps: 0..problem.steps,
             newest: &newest,
         };
-        let inference = infer(&question, Options { seed: seed + iteration as u64, ..Options::default() })?;
+        let inference = infer(&question, Options { scatter: problem.scatter_told(), seed: seed + iteration as u64, ..Options::default() })?;
         let summary = inference.summary(&samples)?;
         let asked = criteria(&summary, &Tolerances::default(), None, &before)?;
         let is_settled = asked.iter().any(|criterion| criterion.is_met && !criterion.is_part);

@@ -230,6 +230,11 @@ impl Problem {
         self.is_told.then(|| vec![vec![self.noise; self.steps]; self.observables])
     }
 
+    /// The share of the scatter in the measurement as it is told: that there is none, where there is none.
+    pub fn scatter_told(&self) -> Option<f64> {
+        (self.scatter != Scatter::None && !self.is_measured).then_some(0.0)
+    }
+
     /// An ensemble without runs.
     pub fn ensemble(&self, observations: &Observations) -> Ensemble {
         Ensemble::new(observations, false)

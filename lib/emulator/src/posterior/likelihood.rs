@@ -87,12 +87,12 @@ impl Nuisances {
         self.len() == 0
     }
 
-    /// What coordinates, shape (len,), stand for. The share of the scatter is 0 and 1 with probability ¼ each and
-    /// else even between them; noise and inflation are even in the logarithm (Jeffreys), correlations even.
+    /// What coordinates, shape (len,), stand for. The share of the scatter is 1 with probability ½ and else even
+    /// between 0 and 1; noise and inflation are even in the logarithm (Jeffreys), correlations even.
     pub fn at(&self, coordinates: &[f64]) -> NoiseAt {
         let mut rest = coordinates.iter().copied();
         let mut next = || rest.next().unwrap_or(0.0);
-        let scatter = self.scatter.unwrap_or_else(|| (2.0 * next() - 0.5).clamp(0.0, 1.0));
+        let scatter = self.scatter.unwrap_or_else(|| (2.0 * next()).min(1.0));
         let mut ln_sd = 0.0;
         if let Some((low, high)) = self.ln_noise {
             ln_sd += low + (high - low) * next();

@@ -32,6 +32,9 @@ const BETTER: f64 = 0.9;
 /// Starts of the search for lengths.
 const STARTS: usize = 5;
 
+/// With few runs, short lengths are more often chance than not.
+const SHORT_LENGTH: f64 = 0.3;
+
 /// Largest factor on the emulator's variance.
 const MOST_CALIBRATION: f64 = 9.0;
 
@@ -120,6 +123,17 @@ impl<'a> Ranked<'a> {
     /// Name and readings of each run, shape (observables · steps), from the best.
     pub fn curves(&self) -> impl Iterator<Item = (&str, Vec<f64>)> {
         self.order.iter().map(|&run| (self.ensemble.samples[run].as_str(), self.ensemble.curves(run).concat()))
+    }
+
+    /// Where the runs stand, from the best.
+    ///
+    /// # Errors
+    /// If a sample lacks a parameter.
+    pub fn places(&self) -> Result<Vec<Vec<f64>>> {
+        let values = self.samples.columns(&self.space.prior().names())?;
+        let index = self.samples.index();
+        let names = self.order.iter().map(|&run| self.ensemble.samples[run].as_str());
+        Ok(names.filter_map(|name| index.get(name)).map(|&i| self.space.place(&values[i])).collect())
     }
 
     /// Number of runs.
@@ -220,6 +234,7 @@ impl<'a> Ranked<'a> {
             max_components: COMPONENTS,
             kernel: recipe.kernel,
             starts: STARTS,
+            short_length: SHORT_LENGTH,
             seed,
             ..Options::default()
         };
