@@ -114,7 +114,7 @@ const SHIFT: f64 = 0.3;
 const SPREAD: f64 = 0.2;
 
 /// Of the errors of the newest batch, in standard deviations of what was predicted.
-const PROOF: f64 = 1.6;
+const PROOF: f64 = 2.0;
 
 /// Probability from which errors of the newest batch are chance, however large.
 const CHANCE: f64 = 0.01;
