@@ -131,21 +131,6 @@ impl Runner {
         }
     }
 
-    /// Run an engine that is a script.
-    pub(crate) fn script(&self, engine: &str, arguments: &[&OsStr], case: &gl_case::Case) -> Result<i32> {
-        let own = std::env::current_exe()?;
-        let script = own.ancestors().map(|folder| folder.join(format!("scripts/run-{engine}"))).find(|path| path.is_file());
-        let mut command = Command::new(script.with_context(|| format!("no engine {engine}"))?);
-        command.args(arguments).env("CASE", &case.folder);
-        if let Some(own) = own.parent() {
-            command.env("PATH", format!("{}:{}", own.display(), std::env::var("PATH").unwrap_or_default()));
-        }
-        if let Some(packed) = case.packed {
-            command.env("PACKED", if packed { "1" } else { "0" });
-        }
-        self.spawn(command, "run", Messages::Shown)
-    }
-
     fn spawn(&self, mut command: Command, tool: &str, messages: Messages<'_>) -> Result<i32> {
         command.stdin(Stdio::null());
         let cannot = |path: &Path| format!("{}: cannot be written", path.display());

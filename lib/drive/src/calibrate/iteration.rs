@@ -234,10 +234,6 @@ pub(crate) fn run(
     if leaves {
         call = call.arg("--no-wait");
     }
-    if !gl_cli::sibling("gl-run").is_file() {
-        let code = runner.script(engine.name(), &[samples.as_os_str(), model.as_ref(), runs.as_os_str()], case)?;
-        return if code == 0 { Ok(true) } else { bail!("some runs were not tried") };
-    }
     // Behind the options, since a model may begin with anything.
     let call = call.arg("--").arg(samples).arg(model).arg(runs);
     match runner.call(&call, Messages::Shown)? {
