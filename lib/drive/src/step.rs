@@ -112,7 +112,9 @@ impl Runner {
     pub(crate) fn must(&self, call: &Call, messages: Messages<'_>) -> Result<()> {
         match self.call(call, messages)? {
             0 => Ok(()),
-            code => bail!("{} ended with {code}; its call is the last one in {}", call.tool, self.log.display()),
+            code => {
+                bail!("{} ended with {code}; its call is the last one in {}", call.tool, self.log.display())
+            }
         }
     }
 
@@ -297,7 +299,10 @@ mod tests {
 
     #[test]
     fn a_call_is_noted_as_it_would_be_typed() {
-        let call = Call::new("gl-sample").flag("-p", "a b/params.txt").option("-n", Some(3)).option("-x", None::<u8>);
+        let call = Call::new("gl-sample")
+            .flag("-p", "a b/params.txt")
+            .option("-n", Some(3))
+            .option("-x", None::<u8>);
         assert_eq!(call.arg("it's").line(), r"gl-sample -p 'a b/params.txt' -n 3 'it'\''s'");
     }
 

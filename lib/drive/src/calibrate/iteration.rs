@@ -122,11 +122,23 @@ impl<'a> Iteration<'a> {
         }
         let runs = self.file("runs");
         if let Some((engine, model)) = self.setting.runs
-            && !run(self.setting.runner, self.setting.case, (engine, model), &samples, &runs, self.setting.wait)?
+            && !run(
+                self.setting.runner,
+                self.setting.case,
+                (engine, model),
+                &samples,
+                &runs,
+                self.setting.wait,
+            )?
         {
             return Ok(false);
         }
-        collect(self.setting.runner, self.setting.case, &self.folder, Messages::Kept(&self.file("collect.log")))?;
+        collect(
+            self.setting.runner,
+            self.setting.case,
+            &self.folder,
+            Messages::Kept(&self.file("collect.log")),
+        )?;
         Ok(true)
     }
 
@@ -136,7 +148,8 @@ impl<'a> Iteration<'a> {
         if is_current(&misfit, &[&ensemble])? {
             return Ok(());
         }
-        let call = comparison(Call::new("gl-likelihood"), self.setting.test).flag("-o", &misfit).arg(&ensemble);
+        let call =
+            comparison(Call::new("gl-likelihood"), self.setting.test).flag("-o", &misfit).arg(&ensemble);
         self.setting.runner.must(&call, Messages::Shown)
     }
 
