@@ -16,6 +16,8 @@ use anyhow::{Context, Result, bail};
 use rustix::fs::FlockOperation;
 use rustix::io::{Errno, FdFlags};
 
+use crate::Say;
+
 /// Name of the file in the folder.
 const FILE: &str = ".lock";
 /// Where a driver that this one starts finds who holds the folder for it.
@@ -33,20 +35,20 @@ pub struct OutLock {
 impl OutLock {
     /// Take the folder, which is made where it does not exist, for `tool`.
     ///
-    /// On a file system without locks this succeeds, and says so on stderr.
+    /// On a file system without locks this succeeds, and says so.
     ///
     /// # Errors
     /// If another driver has it: with its process, its host and since when. If the folder or the file in it
     /// cannot be made.
-    pub fn take(out: &Path, tool: &str) -> Result<Self> {
-        Self::take_within(out, tool, Duration::ZERO)
+    pub fn take(out: &Path, tool: &str, say: Say) -> Result<Self> {
+        Self::take_within(out, tool, Duration::ZERO, say)
     }
 
     /// As [`OutLock::take`], but wait so long for the other one to end.
     ///
     /// # Errors
     /// See [`OutLock::take`].
-    pub fn take_within(out: &Path, tool: &str, patience: Duration) -> Result<Self> {
+    pub fn take_within(out: &Path, tool: &str, patience: Duration, say: Say) -> Result<Self> {
         fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
         let path = out.join(FILE);
         let mut file = OpenOptions::new()
@@ -75,11 +77,10 @@ impl OutLock {
                     thread::sleep(Duration::from_millis(100));
                 }
                 Err(Errno::NOTSUP | Errno::NOLCK | Errno::NOSYS) => {
-                    let _ = writeln!(
-                        io::stderr(),
-                        "{tool}: {}: this file system has no locks; start one driver at a time here",
+                    say(&format!(
+                        "{}: this file system has no locks; start one driver at a time here",
                         out.display()
-                    );
+                    ));
                     return Ok(Self { holder: String::new(), file: None });
                 }
                 Err(error) => {
@@ -166,6 +167,10 @@ fn date(seconds: u64) -> String {
 mod tests {
     use super::*;
 
+    fn silent(text: &str) {
+        panic!("{text}");
+    }
+
     #[test]
     fn dates_are_those_of_the_calendar() {
         // Oracle: date -u -d @SECONDS
@@ -183,23 +188,23 @@ mod tests {
     #[test]
     fn the_second_driver_is_told_who_has_it() {
         let out = tempfile::tempdir().unwrap();
-        let first = OutLock::take(out.path(), "gl-calibrate").unwrap();
-        let message = OutLock::take(out.path(), "gl-diagnose").unwrap_err().to_string();
+        let first = OutLock::take(out.path(), "gl-calibrate", &silent).unwrap();
+        let message = OutLock::take(out.path(), "gl-diagnose", &silent).unwrap_err().to_string();
         let expected = format!("gl-calibrate (process {} on ", process::id());
         assert!(message.contains(&expected) && message.contains(" UTC) works here"), "{message}");
         assert!(OutLock::holder(out.path()).unwrap().starts_with(&expected));
         drop(first);
         assert_eq!(OutLock::holder(out.path()), None);
-        OutLock::take(out.path(), "gl-diagnose").unwrap();
+        OutLock::take(out.path(), "gl-diagnose", &silent).unwrap();
     }
 
     #[test]
     fn who_waits_gets_it_when_the_first_has_ended() {
         let out = tempfile::tempdir().unwrap();
-        let first = OutLock::take(out.path(), "first").unwrap();
+        let first = OutLock::take(out.path(), "first", &silent).unwrap();
         thread::scope(|scope| {
             let second =
-                scope.spawn(|| OutLock::take_within(out.path(), "second", Duration::from_secs(20)).is_ok());
+                scope.spawn(|| OutLock::take_within(out.path(), "second", Duration::from_secs(20), &silent).is_ok());
             thread::sleep(Duration::from_millis(200));
             drop(first);
             assert!(second.join().unwrap());
@@ -209,7 +214,7 @@ mod tests {
     #[test]
     fn a_driver_that_another_one_starts_shares_its_lock() {
         let out = tempfile::tempdir().unwrap();
-        let lock = OutLock::take(out.path(), "first").unwrap();
+        let lock = OutLock::take(out.path(), "first", &silent).unwrap();
         let mut command = Command::new("true");
         lock.share(&mut command, &out.path().join("."));
         let shared: Vec<_> = command.get_envs().collect();
@@ -222,14 +227,14 @@ mod tests {
     #[test]
     fn what_the_driver_has_started_keeps_the_lock_when_it_is_gone() {
         let out = tempfile::tempdir().unwrap();
-        let first = OutLock::take(out.path(), "first").unwrap();
+        let first = OutLock::take(out.path(), "first", &silent).unwrap();
         let mut step = Command::new("sleep").arg("60").spawn().unwrap();
         // As if the driver had been killed: nothing is given back.
         let mut first = first;
         drop(first.file.take());
-        assert!(OutLock::take(out.path(), "second").is_err());
+        assert!(OutLock::take(out.path(), "second", &silent).is_err());
         step.kill().unwrap();
         step.wait().unwrap();
-        OutLock::take(out.path(), "second").unwrap();
+        OutLock::take(out.path(), "second", &silent).unwrap();
     }
 }

@@ -11,6 +11,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use gl_case::Cluster;
 
+use crate::Say;
 use crate::command::{Caller, Programs, Said};
 use crate::scheduler::{Job, Log, NoAnswer, Noted, Patience, Request, Scheduler};
 use crate::slurm::tell;
@@ -134,7 +135,7 @@ impl<C: Caller> Scheduler for Pbs<C> {
         env::var("PBS_JOBID").ok()
     }
 
-    fn submit(&self, request: &Request) -> Result<String> {
+    fn submit(&self, request: &Request, say: Say) -> Result<String> {
         let mut arguments = vec!["-N".to_owned(), request.name.to_owned(), "-o".to_owned()];
         arguments.push(match request.log {
             Log::Tasks { folder, .. } => format!("{}/", folder.display()),
@@ -152,7 +153,7 @@ impl<C: Caller> Scheduler for Pbs<C> {
         arguments.push(request.script.display().to_string());
         let said = self.call("qsub", &arguments).context("qsub")?;
         ensure!(said.is_success, "qsub refused: {}", said.stderr.trim());
-        tell(&said.stderr);
+        tell(&said.stderr, say);
         let id = said.stdout.lines().map(str::trim).rfind(|line| !line.is_empty());
         id.map(str::to_owned).context("qsub gave no job id")
     }
@@ -178,12 +179,12 @@ impl<C: Caller> Scheduler for Pbs<C> {
         None
     }
 
-    fn cancel(&self, jobs: &[Job]) {
+    fn cancel(&self, jobs: &[Job], say: Say) {
         let ids: Vec<String> = jobs.iter().map(|job| job.id.clone()).collect();
         if let Ok(said) = self.call("qdel", &ids) {
             // A job may have ended before.
             if !is_over(&said.stderr) {
-                tell(&said.stderr);
+                tell(&said.stderr, say);
             }
         }
     }
@@ -259,7 +260,7 @@ mod tests {
     fn pbs_gets_an_array_and_minutes_as_seconds() {
         let (pbs, recorded) = pbs([PBS, Says("17[].server\n")]);
         let tasks = Some(Tasks { count: 10, at_once: Some(2) });
-        assert_eq!(pbs.submit(&request(tasks, &["16.server".to_owned()])).unwrap(), "17[].server");
+        assert_eq!(pbs.submit(&request(tasks, &["16.server".to_owned()]), &|_| ()).unwrap(), "17[].server");
         assert_eq!(
             recorded.calls.borrow()[1],
             "qsub -N gl-0 -o /out/.run/ -S /bin/bash -j oe -q long -l walltime=3600 \
@@ -271,14 +272,14 @@ mod tests {
     fn torque_gets_a_plain_job() {
         let (torque, recorded) = pbs([TORQUE, Says("17.server\n")]);
         assert_eq!(torque.largest_array(), None);
-        torque.submit(&request(None, &[])).unwrap();
+        torque.submit(&request(None, &[]), &|_| ()).unwrap();
         assert!(recorded.calls.borrow()[1].contains("-l nodes=1:ppn=1,mem=2gb /out/task.sh"));
     }
 
     #[test]
     fn an_array_of_one_is_a_job() {
         let (pbs, recorded) = pbs([PBS, Says("17.server\n")]);
-        pbs.submit(&request(Some(Tasks { count: 1, at_once: Some(2) }), &[])).unwrap();
+        pbs.submit(&request(Some(Tasks { count: 1, at_once: Some(2) }), &[]), &|_| ()).unwrap();
         assert!(!recorded.calls.borrow()[1].contains("-J"));
     }
 
@@ -305,7 +306,7 @@ mod tests {
     #[test]
     fn a_refusal_says_why() {
         let (pbs, _) = pbs([PBS, Fails("qsub: Unknown queue\n")]);
-        assert_eq!(pbs.submit(&request(None, &[])).unwrap_err().to_string(), "qsub refused: qsub: Unknown queue");
+        assert_eq!(pbs.submit(&request(None, &[]), &|_| ()).unwrap_err().to_string(), "qsub refused: qsub: Unknown queue");
     }
 
     #[test]

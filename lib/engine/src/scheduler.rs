@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use anyhow::Result;
 
+use crate::Say;
+
 /// How long a scheduler that does not answer is asked again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patience {
@@ -171,14 +173,14 @@ pub trait Scheduler {
     /// The job that this process is in, if it is in one.
     fn own_job(&self) -> Option<String>;
 
-    /// Submit a job.
+    /// Submit a job; what the scheduler says beside its id goes to `say`.
     ///
     /// # Returns
     /// Its id.
     ///
     /// # Errors
     /// If it was refused, or the scheduler does not answer ([`NoAnswer`]).
-    fn submit(&self, request: &Request) -> Result<String>;
+    fn submit(&self, request: &Request, say: Say) -> Result<String>;
 
     /// Those of the jobs that are in the queue.
     ///
@@ -189,8 +191,8 @@ pub trait Scheduler {
     /// How the scheduler says that a task has ended, if it says.
     fn ending(&self, task: &str) -> Option<String>;
 
-    /// Take jobs that are in the queue out of it.
-    fn cancel(&self, jobs: &[Job]);
+    /// Take jobs that are in the queue out of it; what the scheduler says to that goes to `say`.
+    fn cancel(&self, jobs: &[Job], say: Say);
 
     /// What keeps jobs from starting, and what to type against it: a line each.
     fn held_up(&self, jobs: &[Job]) -> Vec<String>;

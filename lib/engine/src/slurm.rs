@@ -6,7 +6,7 @@
 use std::collections::HashSet;
 use std::env;
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 use std::process;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -14,6 +14,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, bail, ensure};
 use gl_case::Cluster;
 
+use crate::Say;
 use crate::command::{Caller, Programs, Said};
 use crate::scheduler::{Job, Log, NoAnswer, Noted, Patience, Request, Scheduler};
 
@@ -122,18 +123,17 @@ impl<C: Caller> Scheduler for Slurm<C> {
         env::var("SLURM_JOB_ID").ok()
     }
 
-    fn submit(&self, request: &Request) -> Result<String> {
+    fn submit(&self, request: &Request, say: Say) -> Result<String> {
         let arguments = arguments(request, &self.options);
         let mut pauses = self.patience.pauses.iter();
         loop {
             let problem = match self.call("sbatch", &arguments) {
                 Ok(said) if said.is_success => {
                     let (id, warnings) = parse_submission(&said.stdout);
-                    tell(&format!("{warnings}{}", said.stderr));
+                    tell(&format!("{warnings}{}", said.stderr), say);
                     return id.with_context(|| format!("sbatch gave no job id: {:?}", said.stdout));
                 }
                 Ok(said) => {
-                    tell(&said.stderr);
                     // What is wrong with a job stays wrong.
                     ensure!(is_passing(&said.stderr), "sbatch refused: {}", said.stderr.trim());
                     said.stderr
@@ -174,11 +174,11 @@ impl<C: Caller> Scheduler for Slurm<C> {
         })
     }
 
-    fn cancel(&self, jobs: &[Job]) {
+    fn cancel(&self, jobs: &[Job], say: Say) {
         let mut seen = HashSet::new();
         let ids: Vec<String> = jobs.iter().map(|job| job.id.clone()).filter(|id| seen.insert(id.clone())).collect();
         if let Ok(said) = self.call("scancel", &ids) {
-            tell(&said.stderr);
+            tell(&said.stderr, say);
         }
     }
 
@@ -221,11 +221,8 @@ fn strings<const N: usize>(words: [&str; N]) -> Vec<String> {
 }
 
 /// What a scheduler's program has said goes to the user as it is.
-pub(crate) fn tell(text: &str) {
-    let mut stderr = io::stderr();
-    for line in text.lines().filter(|line| !line.trim().is_empty()) {
-        let _ = writeln!(stderr, "{line}");
-    }
+pub(crate) fn tell(text: &str, say: Say) {
+    text.lines().filter(|line| !line.trim().is_empty()).for_each(say);
 }
 
 /// FNV-1a: the same for the same folder, on every machine and in every version.
@@ -361,7 +358,7 @@ mod tests {
     #[test]
     fn an_array_is_submitted_with_what_the_site_wants() {
         let (slurm, recorded) = slurm([Says("17\n")]);
-        assert_eq!(slurm.submit(&request(&["15".to_owned(), "16".to_owned()])).unwrap(), "17");
+        assert_eq!(slurm.submit(&request(&["15".to_owned(), "16".to_owned()]), &|_| ()).unwrap(), "17");
         assert_eq!(
             recorded.calls.borrow()[0],
             "sbatch --parsable --job-name=gl-1-2-0 --array=0-9%2 --dependency=afterany:15:16 --cpus-per-task=2 \
@@ -386,21 +383,21 @@ mod tests {
             Fails("sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)"),
             Says("23|23_[0-9%2]|gl-1-2-0|PENDING|Resources\n"),
         ]);
-        assert_eq!(slurm.submit(&request(&[])).unwrap(), "23");
+        assert_eq!(slurm.submit(&request(&[]), &|_| ()).unwrap(), "23");
         assert_eq!(*recorded.pauses.borrow(), [1]);
     }
 
     #[test]
     fn a_job_that_was_lost_with_the_answer_is_submitted_again() {
         let (slurm, recorded) = slurm([Hangs, Says(""), Says("24\n")]);
-        assert_eq!(slurm.submit(&request(&[])).unwrap(), "24");
+        assert_eq!(slurm.submit(&request(&[]), &|_| ()).unwrap(), "24");
         assert_eq!(recorded.calls.borrow().len(), 3);
     }
 
     #[test]
     fn a_job_that_is_refused_is_not_tried_again() {
         let (slurm, _) = slurm([Fails("sbatch: error: invalid partition specified: long")]);
-        let message = slurm.submit(&request(&[])).unwrap_err().to_string();
+        let message = slurm.submit(&request(&[]), &|_| ()).unwrap_err().to_string();
         assert_eq!(message, "sbatch refused: sbatch: error: invalid partition specified: long");
     }
 
