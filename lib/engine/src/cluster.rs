@@ -29,7 +29,6 @@ use gl_table::Sink;
 use serde::{Deserialize, Serialize};
 
 use crate::Say;
-use crate::batch_table::BatchTable;
 use crate::call::Batch;
 use crate::complete::{missing, missing_of};
 use crate::control::{noted_in, quoted};
@@ -37,7 +36,8 @@ use crate::folder::{RunFolder, remove, write};
 use crate::job::Job;
 use crate::publish::put_status;
 use crate::report::{Report, report};
-use crate::row::run_rows;
+use crate::process::Termination;
+use crate::row::{Log as RunLog, Outcome as RowOutcome, run_rows};
 use crate::scheduler::{Log, NoAnswer, Noted, Request, Scheduler, Tasks};
 
 /// Rounds in a row that may come to no row at all.
@@ -197,7 +197,7 @@ impl Array<'_> {
     }
 
     fn end(&self, before: &[usize]) -> Result<Outcome> {
-        let report = report(&self.batch, before)?;
+        let report = report(&self.batch.table, self.dir(), before)?;
         self.batch.folder.end()?;
         Ok(Outcome::Ended(report))
     }
@@ -385,14 +385,14 @@ pub fn forgive(stage: &Path) -> Result<()> {
     remove(&stage.join("runs/.run/idle"))
 }
 
-/// Run the rows of one task of an array, whose first task is `first`, as a process of that task: `gl-run task`.
+/// Run the rows of one task of an array, whose first task is `first`, in a process of that task.
 ///
 /// # Errors
 /// If what the engine left in `work` cannot be read, or a row cannot be run.
-pub fn run_task(work: &Path, first: usize) -> Result<()> {
+pub fn run_task(work: &Path, first: usize, termination: &Termination) -> Result<RowOutcome> {
     let task = Task::load(work)?;
     let mut job = Job::load(work)?;
-    let table: BatchTable = RunFolder::table(work)?;
+    let table = RunFolder::table(work)?;
     let index = ["SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID"].iter().find_map(|name| env::var(name).ok());
     let index: usize = match &index {
         None => 0,
@@ -402,7 +402,7 @@ pub fn run_task(work: &Path, first: usize) -> Result<()> {
     started(work)?;
     // A task that the scheduler starts again after a node has failed goes on where it was.
     let rows = missing_of(&table, task.share(first + index), &job.dir)?;
-    run_rows(&job, &table, &rows, &task_name())
+    run_rows(&job, &table, &rows, &task_name(), RunLog::File, termination, |_, _| {})
 }
 
 /// What the scheduler calls this task, by which it tells how it has ended.

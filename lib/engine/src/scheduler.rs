@@ -1,12 +1,16 @@
 //! What a scheduler is asked, whichever it is.
 
+use std::env;
 use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use gl_case::{Cluster, Engine};
 
 use crate::Say;
+use crate::pbs::Pbs;
+use crate::slurm::Slurm;
 
 /// How long a scheduler that does not answer is asked again.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +35,26 @@ impl Patience {
     /// Of a job, which has time: five minutes.
     pub fn long() -> Self {
         Self { pauses: vec![1, 2, 4, 8, 15, 30, 60, 60, 60, 60], limit: Duration::from_secs(60) }
+    }
+}
+
+impl Patience {
+    /// Of whoever asks from here: a job, or somebody at a terminal.
+    pub fn here() -> Self {
+        let is_job = ["SLURM_JOB_ID", "PBS_JOBID"].iter().any(|name| env::var_os(name).is_some());
+        if is_job { Self::long() } else { Self::medium() }
+    }
+}
+
+/// The scheduler of an engine, with what the site wants of a job.
+///
+/// # Errors
+/// If the engine has no queue.
+pub fn of_engine(engine: Engine, cluster: &Cluster, patience: Patience) -> Result<Box<dyn Scheduler>> {
+    match engine {
+        Engine::Slurm => Ok(Box::new(Slurm::new(cluster, patience))),
+        Engine::Pbs => Ok(Box::new(Pbs::new(cluster, patience))),
+        _ => bail!("{engine}: has no queue; slurm and pbs have"),
     }
 }
 

@@ -4,10 +4,11 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-
 use gl_numeric::normal::Truncated;
 pub use gl_numeric::normal::{normal_cdf, normal_quantile};
 use gl_table::Table;
+
+use crate::samples::check_parameter_name;
 
 /// How a parameter is spread between its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,22 +60,6 @@ pub struct Effect {
 }
 
 const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
-
-/// Column names that tables use for themselves.
-const RESERVED: [&str; 12] = [
-    "description",
-    "key",
-    "sample",
-    "step",
-    "misfit",
-    "error",
-    "weight",
-    "readings",
-    "quantity",
-    "value",
-    "sigma",
-    "ess",
-];
 
 impl Prior {
     /// A value of each parameter with every effect off; those of the base stand at their lower bound.
@@ -248,16 +233,6 @@ impl Prior {
         }
         Ok(effects.into_iter().filter(|effect| names.contains(&effect.name)).collect())
     }
-}
-
-fn check_parameter_name(name: &str) -> Result<(), String> {
-    if RESERVED.contains(&name) || name.starts_with('!') {
-        return Err(format!("{name} is a name that tables use for themselves; choose another"));
-    }
-    if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
-        return Err(format!("{name:?} is no parameter name; use letters, digits, `_`, `-` and `.`"));
-    }
-    Ok(())
 }
 
 fn check_effect_name(name: &str) -> Result<(), String> {

@@ -1,0 +1,156 @@
+//! Many runs in one file: `*_packed.txt` holds the files of runs one after the other, each behind a line
+//! `# file NAME BYTES` and with a line end after it.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use gl_inference::samples::check_description;
+use gl_table::Sink;
+
+use crate::call::file;
+use crate::folder;
+
+const ENDING: &str = "_packed.txt";
+
+/// Files of runs that [`pack`] takes into one packed file.
+const RUNS_A_FILE: usize = 1000;
+
+/// Append a file to the bytes of a packed one.
+pub(crate) fn push(bytes: &mut Vec<u8>, name: &str, text: &[u8]) {
+    bytes.extend_from_slice(format!("# file {name} {}\n", text.len()).as_bytes());
+    bytes.extend_from_slice(text);
+    bytes.push(b'\n');
+}
+
+/// The packed files in `dir` that begin with the run `name`.
+pub fn files_of(dir: &Path, name: &str) -> Vec<PathBuf> {
+    (1..).map(|number| path(dir, name, number)).take_while(|path| path.exists()).collect()
+}
+
+/// A new packed file in `dir` that begins with the run `name`.
+pub(crate) fn create(dir: &Path, name: &str) -> Result<(PathBuf, File)> {
+    let mut number = 1;
+    loop {
+        let path = path(dir, name, number);
+        match File::options().append(true).create_new(true).open(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => number += 1,
+            Err(error) => {
+                return Err(error).with_context(|| format!("{}: cannot be written", path.display()));
+            }
+        }
+    }
+}
+
+fn path(dir: &Path, name: &str, number: usize) -> PathBuf {
+    let number = if number > 1 { format!(".{number}") } else { String::new() };
+    file(dir, name, &format!("{number}{ENDING}"))
+}
+
+/// Pack the loose runs of a folder, in the order of their names: those that have both files. Their files, and
+/// what is left of logs and statuses, are removed once the packed file is on disk.
+///
+/// Returns how many runs were packed.
+///
+/// # Errors
+/// If a file cannot be read or written.
+pub fn pack(dir: &Path) -> Result<usize> {
+    let cannot = || format!("{}: cannot be read", dir.display());
+    let mut names = Vec::new();
+    for entry in fs::read_dir(dir).with_context(cannot)? {
+        let name = entry.with_context(cannot)?.file_name();
+        let name = name.to_str().and_then(|name| name.strip_suffix("_sim.txt"));
+        names.extend(name.filter(|name| file(dir, name, "_param.txt").is_file()).map(str::to_owned));
+    }
+    names.sort();
+    for names in names.chunks(RUNS_A_FILE) {
+        let (path, file) = create(dir, &names[0])?;
+        if let Err(error) = pack_into(dir, names, file) {
+            let _ = fs::remove_file(&path);
+            return Err(error.context(format!("{}: cannot be written", path.display())));
+        }
+        for name in names {
+            for ending in ["_sim.txt", "_param.txt", ".log", ".status"] {
+                folder::remove(&self::file(dir, name, ending))?;
+            }
+        }
+    }
+    Ok(names.len())
+}
+
+fn pack_into(dir: &Path, names: &[String], mut packed: File) -> Result<()> {
+    for name in names {
+        let mut bytes = Vec::new();
+        for ending in ["_param.txt", "_sim.txt"] {
+            let path = file(dir, name, ending);
+            let text = fs::read(&path).with_context(|| path.display().to_string())?;
+            push(&mut bytes, &format!("{name}{ending}"), &text);
+        }
+        packed.write_all(&bytes)?;
+    }
+    Ok(packed.sync_all()?)
+}
+
+/// Take the files of runs out of packed files, into `dir`, which is made if need be. A run that is there more
+/// than once is taken as it was last.
+///
+/// Returns what is wrong with files that are damaged or cut off, with file and line; what stands before
+/// that is out.
+///
+/// # Errors
+/// If a file cannot be read or written.
+pub fn unpack(packed: &[PathBuf], dir: &Path) -> Result<Vec<String>> {
+    fs::create_dir_all(dir).with_context(|| format!("{}: cannot be made", dir.display()))?;
+    let mut problems = Vec::new();
+    for path in packed {
+        let input = File::open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
+        problems.extend(unpack_one(path, BufReader::new(input), dir)?);
+    }
+    Ok(problems)
+}
+
+/// What is wrong with the file, if it is damaged.
+fn unpack_one(path: &Path, mut input: impl BufRead, dir: &Path) -> Result<Option<String>> {
+    let cannot = || format!("{}: cannot be read", path.display());
+    let mut lines = 0;
+    loop {
+        let mut line = Vec::new();
+        if input.read_until(b'\n', &mut line).with_context(cannot)? == 0 {
+            return Ok(None);
+        }
+        lines += 1;
+        let place = |line: usize, problem: String| Ok(Some(format!("{}:{line}: {problem}", path.display())));
+        let Some((name, length)) = head(&line) else {
+            let is_whole = line.ends_with(b"\n");
+            let problem = if is_whole { "no file of a run begins here" } else { "cut off" };
+            return place(lines, problem.to_owned());
+        };
+        // A line end follows that is not of the file.
+        let mut bytes = Vec::new();
+        (&mut input).take(length.saturating_add(1)).read_to_end(&mut bytes).with_context(cannot)?;
+        let read = lines + bytes.iter().filter(|&&byte| byte == b'\n').count();
+        if bytes.len() as u64 <= length {
+            return place(read, format!("cut off in {name}"));
+        }
+        if bytes.pop() != Some(b'\n') {
+            return place(read, format!("no line end after {name}, which is longer than its {length} bytes"));
+        }
+        lines = read;
+        let file = dir.join(&name);
+        let mut sink = Sink::create(Some(&file))?;
+        sink.write_all(&bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
+        sink.finish()?;
+    }
+}
+
+/// Name and length of the file that follows a line `# file NAME BYTES`. A name that could leave its folder is
+/// none.
+fn head(line: &[u8]) -> Option<(String, u64)> {
+    let line = std::str::from_utf8(line).ok()?.trim_end();
+    let (name, length) = line.strip_prefix("# file ")?.split_once(' ')?;
+    let run = name.strip_suffix("_param.txt").or_else(|| name.strip_suffix("_sim.txt"))?;
+    check_description(run).ok()?;
+    Some((name.to_owned(), length.parse().ok()?))
+}
