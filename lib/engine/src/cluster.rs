@@ -45,6 +45,9 @@ const IDLE_ROUNDS: usize = 3;
 /// Longest time between questions to the scheduler, which others share; they begin at two seconds.
 const LONGEST_PAUSE: f64 = 30.0;
 
+/// Status of a run whose task was told to end.
+const TERMINATED: &str = "143 TERMINATED";
+
 /// What a task of the array knows.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Task {
@@ -320,7 +323,7 @@ impl Array<'_> {
         }
     }
 
-    /// Runs that were killed with their task get a status with the scheduler's reason.
+    /// Runs that were killed with their task, or told to end, get a status with the scheduler's reason.
     fn settle(&self) -> Result<()> {
         let work = self.work();
         for entry in fs::read_dir(&work).with_context(|| work.display().to_string())? {
@@ -329,8 +332,12 @@ impl Array<'_> {
                 continue;
             };
             let task = fs::read_to_string(&path).unwrap_or_default();
-            let reason = self.scheduler.ending(task.trim()).unwrap_or_else(|| "KILLED".to_owned());
-            put_status(self.dir(), name, &format!("137 {reason}"))?;
+            let reason = self.scheduler.ending(task.trim());
+            if !self.dir().join(format!("{name}.status")).exists() {
+                put_status(self.dir(), name, &format!("137 {}", reason.as_deref().unwrap_or("KILLED")))?;
+            } else if let Some(reason) = reason.filter(|reason| !matches!(reason.as_str(), "FAILED" | "COMPLETED")) {
+                put_status(self.dir(), name, &format!("137 {reason}"))?;
+            }
             remove(&path)?;
         }
         remove(&self.jobs_file())
@@ -402,7 +409,14 @@ pub fn run_task(work: &Path, first: usize, termination: &Termination) -> Result<
     started(work)?;
     // A task that the scheduler starts again after a node has failed goes on where it was.
     let rows = missing_of(&table, task.share(first + index), &job.dir)?;
-    run_rows(&job, &table, &rows, &task_name(), RunLog::File, termination, |_, _| {})
+    let name = task_name();
+    let ended = |row: usize, status: &str| {
+        if status == TERMINATED {
+            // Whoever looks at how it went asks the scheduler why.
+            let _ = fs::write(work.join(format!("{}.running", table.name(row))), format!("{name}\n"));
+        }
+    };
+    run_rows(&job, &table, &rows, &name, RunLog::File, termination, ended)
 }
 
 /// What the scheduler calls this task, by which it tells how it has ended.
