@@ -15,4 +15,4 @@ pub use cursor::Cursor;
 pub use read::source_name;
 pub use read::{Format, Rows, Table, open, parse_number, read_bytes};
 pub use runs::{Flaw, PieceRows, RunTable};
-pub use write::{Sink, TableWriter, appears_whole, push_number};
+pub use write::{Sink, TableWriter, appears_whole, push_number, rounded};
