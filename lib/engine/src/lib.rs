@@ -9,6 +9,8 @@
 //! | many runs | [`local`], [`yade_batch`], [`embedded`] |
 //! | how it went | [`report`] |
 //! | many runs in one file | [`pack`] |
+//! | job arrays | [`cluster`]; [`scheduler`], which is [`slurm`] or [`pbs`], called by [`command`] |
+//! | what lives in a queue | [`control`]; [`standing`], how far it is; [`lock`], one driver at a time |
 //!
 //! An engine that starts runs elsewhere, such as a job array, goes these steps:
 //!
@@ -25,17 +27,25 @@
 
 pub mod batch_table;
 pub mod call;
+pub mod cluster;
+pub mod command;
 pub mod complete;
+pub mod control;
 pub mod embedded;
 pub mod folder;
 pub mod job;
 pub mod local;
+pub mod lock;
 pub mod model;
 pub mod pack;
+pub mod pbs;
 pub mod process;
 pub mod publish;
 pub mod report;
 pub mod row;
+pub mod scheduler;
+pub mod slurm;
+pub mod standing;
 pub mod yade_batch;
 
 /// Whoever hears what an engine has to say while it works.

@@ -9,8 +9,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result};
 use clap::Subcommand;
 use gl_engine::batch_table::BatchTable;
-use gl_engine::complete::missing_of;
-use gl_engine::folder::RunFolder;
+use gl_engine::cluster::run_task;
 use gl_engine::job::Job;
 use gl_engine::process::{Ending, Termination, start, supervise, tie};
 use gl_engine::row::{Log, Outcome, run_rows};
@@ -40,15 +39,9 @@ pub enum Inner {
         #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<OsString>,
     },
-    /// Run those of some rows, counted from 0, whose run is missing, one after another, as WORK says
+    /// Run the rows of a task of an array whose first task is FIRST, as WORK says
     #[command(hide = true)]
-    Task {
-        work: PathBuf,
-        /// What the runs' markers say, by which the task is found again
-        #[arg(long, value_name = "NAME")]
-        task: Option<String>,
-        rows: Vec<usize>,
-    },
+    Task { work: PathBuf, first: usize },
 }
 
 /// The exit code of a process that was told to end.
@@ -65,7 +58,7 @@ impl Inner {
                 gl_cli::note(NAME, format_args!("{error:#}"));
                 Ok(code)
             }
-            Self::Task { work, task, rows } => self::task(work, task.as_deref(), rows),
+            Self::Task { work, first } => task(work, *first),
         };
         code.map_or_else(|error| gl_cli::finish::<()>(NAME, Err(error)), ExitCode::from)
     }
@@ -97,14 +90,8 @@ fn batch_row() -> Result<u8> {
     Ok(code(run_rows(&job, &table, &[0], &process, Log::Stdout, &termination, |_, _| {})?, true))
 }
 
-fn task(work: &Path, task: Option<&str>, rows: &[usize]) -> Result<u8> {
-    let termination = Termination::on_signals()?;
-    let (job, table) = (Job::load(work)?, RunFolder::table(work)?);
-    // A task that is started again after a node has failed goes on where it was.
-    let rows = missing_of(&table, rows, &job.dir)?;
-    let process = std::process::id().to_string();
-    let name = task.unwrap_or(&process);
-    Ok(code(run_rows(&job, &table, &rows, name, Log::File, &termination, |_, _| {})?, false))
+fn task(work: &Path, first: usize) -> Result<u8> {
+    Ok(code(run_task(work, first, &Termination::on_signals()?)?, false))
 }
 
 fn guard(parent: u32, words: &[OsString]) -> Result<u8> {

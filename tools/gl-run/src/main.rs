@@ -2,12 +2,14 @@
 
 mod call;
 mod inner;
+mod queue;
 mod tables;
 
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use gl_case::Engine;
 use gl_engine::{Say, embedded, local, yade_batch};
 
 use call::Shared;
@@ -43,6 +45,12 @@ enum Task {
     YadeBatch(Shared),
     /// Run a simulator that takes the whole table, called as MODEL -s SAMPLES DIR, such as gl-contact
     Embedded(Shared),
+    /// Run the rows as job arrays of SLURM, and wait until they have ended
+    #[command(after_help = queue::SETTINGS)]
+    Slurm(queue::Queue),
+    /// Run the rows as job arrays of PBS, or jobs of Torque, and wait until they have ended
+    #[command(after_help = queue::SETTINGS)]
+    Pbs(queue::Queue),
     /// What became of each run: a table, sample status detail
     Status(tables::Status),
     /// Pack the loose runs of a folder into few files
@@ -73,6 +81,14 @@ fn run(task: &Task) -> Result<bool> {
                 say,
             ));
         }
+        Task::Slurm(queue) => match queue.run(Engine::Slurm, say)? {
+            Some(report) => report,
+            None => return Ok(false),
+        },
+        Task::Pbs(queue) => match queue.run(Engine::Pbs, say)? {
+            Some(report) => report,
+            None => return Ok(false),
+        },
         Task::Status(status) => return status.run(),
         Task::Pack(pack) => return pack.run(),
         Task::Unpack(unpack) => return unpack.run(),
