@@ -108,6 +108,13 @@ impl Runner {
         self.spawn(command, call.tool, messages)
     }
 
+    /// Call a tool for what it says, and for nothing that stays.
+    pub(crate) fn ask(&self, call: &Call) -> Result<()> {
+        let mut command = Command::new(gl_cli::sibling(call.tool));
+        command.args(&call.arguments).stdout(Stdio::null());
+        self.spawn(command, call.tool, Messages::Shown).map(|_| ())
+    }
+
     /// [`Runner::call`] for a tool that has only one good end.
     pub(crate) fn must(&self, call: &Call, messages: Messages<'_>) -> Result<()> {
         match self.call(call, messages)? {
