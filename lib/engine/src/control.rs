@@ -231,6 +231,8 @@ pub(crate) fn noted_in(path: &Path) -> Result<Vec<Noted>> {
 
 /// What a folder has in the queue of a scheduler.
 pub struct Control<'a> {
+    /// As it was given, for messages.
+    shown: String,
     out: PathBuf,
     scheduler: &'a dyn Scheduler,
 }
@@ -241,8 +243,9 @@ impl<'a> Control<'a> {
     /// # Errors
     /// If there is no such folder.
     pub fn of(out: &Path, scheduler: &'a dyn Scheduler) -> Result<Self> {
-        let out = fs::canonicalize(out).with_context(|| format!("{}: cannot be found", out.display()))?;
-        Ok(Self { out, scheduler })
+        let shown = out.display().to_string();
+        let out = fs::canonicalize(out).with_context(|| format!("{shown}: cannot be found"))?;
+        Ok(Self { shown, out, scheduler })
     }
 
     /// The controlling job, if there is one in the queue beside the one that asks.
@@ -289,7 +292,7 @@ impl<'a> Control<'a> {
                 folder: &self.out,
                 log: Log::File(&log),
             };
-            let out = self.out.display();
+            let out = &self.shown;
             match self.scheduler.submit(&request, say) {
                 Ok(id) => {
                     write(&self.id_file(), format!("{id}\n").as_bytes())?;
@@ -331,7 +334,7 @@ impl<'a> Control<'a> {
             self.scheduler.cancel(&jobs, say);
             pause();
         }
-        bail!("{}: still in the queue: {}", self.out.display(), ids(&jobs).join(" "))
+        bail!("{}: still in the queue: {}", self.shown, ids(&jobs).join(" "))
     }
 
     fn id_file(&self) -> PathBuf {
