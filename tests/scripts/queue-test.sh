@@ -142,7 +142,7 @@ END
         'sample	status	detail exit code 4 exit code 124 TIMEOUT'
     # What had ended well never ran again.
     same "$(sort started | uniq -d | grep -v 'Sample0[234]')" ''
-    with_tables_as_undisturbed
+    RUN_TIMEOUT=2 with_tables_as_undisturbed
 }
 
 runs_that_the_scheduler_loses_are_submitted_again() {
