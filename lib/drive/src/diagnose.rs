@@ -128,8 +128,7 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
-        let inputs =
-            [self.file("winner.txt"), self.file("base/posterior.txt"), after.join("posterior.txt")];
+        let inputs = [self.file("winner.txt"), self.file("base/posterior.txt"), after.join("posterior.txt")];
         if is_current(&table, &inputs)? {
             return Ok(Progress::Finished);
         }
@@ -165,7 +164,8 @@ impl Diagnosis<'_> {
         for file in ["shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
-        let columns = ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"];
+        let columns =
+            ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"];
         TableWriter::create(Some(table), &columns)?.finish()?;
         Ok(Progress::Finished)
     }

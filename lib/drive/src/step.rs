@@ -112,7 +112,9 @@ impl Runner {
     pub(crate) fn must(&self, call: &Call, messages: Messages<'_>) -> Result<()> {
         match self.call(call, messages)? {
             0 => Ok(()),
-            code => bail!("{} ended with {code}; its call is the last one in {}", call.tool, self.log.display()),
+            code => {
+                bail!("{} ended with {code}; its call is the last one in {}", call.tool, self.log.display())
+            }
         }
     }
 
@@ -129,21 +131,6 @@ impl Runner {
             Some(_) => Ok(false),
             None => bail!("{} was killed ({status})", call.tool),
         }
-    }
-
-    /// Run an engine that is a script.
-    pub(crate) fn script(&self, engine: &str, arguments: &[&OsStr], case: &gl_case::Case) -> Result<i32> {
-        let own = std::env::current_exe()?;
-        let script = own.ancestors().map(|folder| folder.join(format!("scripts/run-{engine}"))).find(|path| path.is_file());
-        let mut command = Command::new(script.with_context(|| format!("no engine {engine}"))?);
-        command.args(arguments).env("CASE", &case.folder);
-        if let Some(own) = own.parent() {
-            command.env("PATH", format!("{}:{}", own.display(), std::env::var("PATH").unwrap_or_default()));
-        }
-        if let Some(packed) = case.packed {
-            command.env("PACKED", if packed { "1" } else { "0" });
-        }
-        self.spawn(command, "run", Messages::Shown)
     }
 
     fn spawn(&self, mut command: Command, tool: &str, messages: Messages<'_>) -> Result<i32> {
@@ -312,7 +299,10 @@ mod tests {
 
     #[test]
     fn a_call_is_noted_as_it_would_be_typed() {
-        let call = Call::new("gl-sample").flag("-p", "a b/params.txt").option("-n", Some(3)).option("-x", None::<u8>);
+        let call = Call::new("gl-sample")
+            .flag("-p", "a b/params.txt")
+            .option("-n", Some(3))
+            .option("-x", None::<u8>);
         assert_eq!(call.arg("it's").line(), r"gl-sample -p 'a b/params.txt' -n 3 'it'\''s'");
     }
 

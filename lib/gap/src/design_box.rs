@@ -39,7 +39,8 @@ pub fn narrow(prior: &Prior, weights: &Weights) -> Result<Prior> {
         let column = weights.parameters.iter().position(|name| *name == parameter.name);
         let column = column.with_context(|| format!("{}:1: no column {}", weights.source, parameter.name))?;
         let places = near.iter().map(|&i| parameter.scale.forward(weights.values[i][column]));
-        let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+        let (low, high) =
+            places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
         let (lower, upper) = parameter.scaled_bounds();
         let width = (WIDER * (high - low)).max(SHARE * (upper - lower));
         let lacking = width - (high - low);
@@ -84,7 +85,8 @@ pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean]) -> Result<Option<P
     for parameter in narrowed.parameters() {
         let name = parameter.name.as_str();
         let whole = prior.parameters().iter().find(|whole| whole.name == name);
-        let whole = whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
+        let whole =
+            whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
         let (low, high) = parameter.scaled_bounds();
         let mut wider = parameter.clone();
         if to_lower.contains(name) && parameter.lower > whole.lower {

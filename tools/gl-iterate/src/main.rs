@@ -44,12 +44,8 @@ Example:
   gl-iterate my-case samples.txt runs --out fit || [ $? -eq 1 ]";
 
 fn run(args: &Args) -> anyhow::Result<bool> {
-    let request = Request {
-        case: args.case.clone(),
-        engine: None,
-        out: args.out.clone(),
-        given: args.given.clone(),
-    };
+    let request =
+        Request { case: args.case.clone(), engine: None, out: args.out.clone(), given: args.given.clone() };
     iterate(&request, &args.samples, &args.runs, args.iteration)
 }
 

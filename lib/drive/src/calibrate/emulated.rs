@@ -82,7 +82,10 @@ impl Emulation<'_> {
         if sigma <= 4.0 * quantity(&real, "sigma")? / noise {
             return Ok((weights, format!("sigma {sigma}, where the noise is 1")));
         }
-        Ok((own, format!("sigma {sigma}, where the noise is 1: the runs say more, so they keep their weights")))
+        Ok((
+            own,
+            format!("sigma {sigma}, where the noise is 1: the runs say more, so they keep their weights"),
+        ))
     }
 
     /// All samples, and the runs that fit best.

@@ -122,11 +122,23 @@ impl<'a> Iteration<'a> {
         }
         let runs = self.file("runs");
         if let Some((engine, model)) = self.setting.runs
-            && !run(self.setting.runner, self.setting.case, (engine, model), &samples, &runs, self.setting.wait)?
+            && !run(
+                self.setting.runner,
+                self.setting.case,
+                (engine, model),
+                &samples,
+                &runs,
+                self.setting.wait,
+            )?
         {
             return Ok(false);
         }
-        collect(self.setting.runner, self.setting.case, &self.folder, Messages::Kept(&self.file("collect.log")))?;
+        collect(
+            self.setting.runner,
+            self.setting.case,
+            &self.folder,
+            Messages::Kept(&self.file("collect.log")),
+        )?;
         Ok(true)
     }
 
@@ -136,7 +148,8 @@ impl<'a> Iteration<'a> {
         if is_current(&misfit, &[&ensemble])? {
             return Ok(());
         }
-        let call = comparison(Call::new("gl-likelihood"), self.setting.test).flag("-o", &misfit).arg(&ensemble);
+        let call =
+            comparison(Call::new("gl-likelihood"), self.setting.test).flag("-o", &misfit).arg(&ensemble);
         self.setting.runner.must(&call, Messages::Shown)
     }
 
@@ -233,10 +246,6 @@ pub(crate) fn run(
     let leaves = !wait && engine.is_queue();
     if leaves {
         call = call.arg("--no-wait");
-    }
-    if !gl_cli::sibling("gl-run").is_file() {
-        let code = runner.script(engine.name(), &[samples.as_os_str(), model.as_ref(), runs.as_os_str()], case)?;
-        return if code == 0 { Ok(true) } else { bail!("some runs were not tried") };
     }
     // Behind the options, since a model may begin with anything.
     let call = call.arg("--").arg(samples).arg(model).arg(runs);

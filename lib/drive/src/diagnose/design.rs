@@ -81,9 +81,13 @@ impl Diagnosis<'_> {
             copy(&round.join(format!("all-{table}.txt")), &self.file(&format!("design/{table}.txt")))?;
         }
         copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
-        for table in
-            ["effects.txt", "predicted-shrink.txt", "posterior.txt", "attribution-verdict.txt", "attribution.log"]
-        {
+        for table in [
+            "effects.txt",
+            "predicted-shrink.txt",
+            "posterior.txt",
+            "attribution-verdict.txt",
+            "attribution.log",
+        ] {
             if round.join(table).exists() {
                 copy(&round.join(table), &self.file(table))?;
             }
@@ -119,8 +123,7 @@ impl Round<'_> {
 
     /// The first box; those of later rounds are there already.
     fn narrow(&self) -> Result<()> {
-        let (target, weights) =
-            (self.file("params.txt"), self.diagnosis.file("base/posterior-weights.txt"));
+        let (target, weights) = (self.file("params.txt"), self.diagnosis.file("base/posterior-weights.txt"));
         let params = self.diagnosis.case.params();
         if self.number > 0 || is_current(&target, &[&params, &weights])? {
             return Ok(());

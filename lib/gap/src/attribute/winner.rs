@@ -37,7 +37,8 @@ mod tests {
     fn only_effects_of_the_simulator_win_whatever_the_form_of_the_tables() {
         let prior = "# name,lower,upper,effect,off\r\na,0,1,-,-\r\nb,0,1,x,0\r\nc,0,1,y,0\r\n";
         let prior = Prior::from_table(&table(prior)).unwrap();
-        let winner = |rows: &str| winning_effects(&prior, &table(&format!("#hypothesis probability\n{rows}")));
+        let winner =
+            |rows: &str| winning_effects(&prior, &table(&format!("#hypothesis probability\n{rows}")));
         assert_eq!(winner("x+offset(q)+y 0.9\nnone 0.1\n").unwrap(), ["x", "y"]);
         assert_eq!(winner("none 0.1\ny 0.9\n").unwrap(), ["y"]);
         for rows in ["none 1\n", "unexplained 0.9\nx 0.1\n", "offset(q) 1\n"] {
