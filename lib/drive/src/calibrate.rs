@@ -32,7 +32,11 @@ pub struct Limits {
     pub no_wait: bool,
 }
 
-fn from_one(text: &str) -> Result<usize> {
+/// An argument that is a number of iterations.
+///
+/// # Errors
+/// If it is not.
+pub fn from_one(text: &str) -> Result<usize> {
     let number = text.parse::<usize>().unwrap_or(0);
     ensure!(number > 0, "give a number of iterations from 1");
     Ok(number)
@@ -100,7 +104,7 @@ fn finish(out: &Path, last: usize) -> Result<()> {
 }
 
 /// How many iterations are done.
-fn done(out: &Path) -> usize {
+pub fn done(out: &Path) -> usize {
     (0..).take_while(|i| out.join(format!("iter{i}/stop.code")).exists()).count()
 }
 

@@ -13,7 +13,7 @@ mod forecast;
 pub mod init;
 pub mod iterate;
 mod step;
-mod words;
+pub mod words;
 
 pub use arguments::Request;
 

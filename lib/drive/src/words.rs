@@ -1,3 +1,5 @@
+//! Results in words: a line an iteration, a posterior to read.
+
 use std::fmt::Write;
 use std::path::Path;
 

@@ -5,16 +5,20 @@
 
 use std::collections::HashSet;
 use std::env;
+use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use gl_case::Engine;
 use serde::{Deserialize, Serialize};
 
 use crate::Say;
+use crate::cluster;
 use crate::folder::write;
+use crate::lock::OutLock;
 use crate::scheduler::{Job, Log, NoAnswer, Noted, Request, Scheduler};
 
 /// How deep below the folder its runs may be: `after-EFFECT/iterN/runs`.
@@ -34,9 +38,13 @@ pub struct Record {
     pub case: PathBuf,
     /// The folder that it was submitted from.
     pub folder: PathBuf,
-    /// Arguments of the driver beside case, engine and folder.
+    /// Settings of the case, each `KEY=VALUE`.
     #[serde(default)]
     pub given: Vec<String>,
+    /// Iterations at the most.
+    pub iterations: Option<usize>,
+    /// So many iterations in all, whatever the criteria say.
+    pub until: Option<usize>,
 }
 
 impl Record {
@@ -58,12 +66,38 @@ impl Record {
         }
     }
 
-    /// Leave it in a folder, with the script of its controlling jobs, which calls `program` with these arguments,
-    /// wherever and whenever it starts.
+    /// What an earlier call asked for is still wanted, unless this one says otherwise.
+    pub fn recall(&mut self, earlier: &Self) {
+        let key = |setting: &str| setting.split('=').next().unwrap_or_default().to_lowercase();
+        let given: HashSet<String> = self.given.iter().map(|setting| key(setting)).collect();
+        let mut kept: Vec<String> =
+            earlier.given.iter().filter(|setting| !given.contains(&key(setting))).cloned().collect();
+        kept.append(&mut self.given);
+        self.given = kept;
+        if self.iterations.is_none() && self.until.is_none() {
+            (self.iterations, self.until) = (earlier.iterations, earlier.until);
+        }
+    }
+
+    /// The tool that goes on from the files in the folder.
+    pub fn driver(&self) -> &'static str {
+        if self.diagnose { "gl-diagnose" } else { "gl-calibrate" }
+    }
+
+    /// Its arguments, as far as `gl-submit` takes them too.
+    fn arguments(&self, out: &Path) -> Vec<OsString> {
+        let mut words: Vec<OsString> = vec![self.case.clone().into(), "--engine".into(), self.engine.name().into()];
+        words.extend(["--out".into(), out.into()]);
+        words.extend(self.given.iter().map(OsString::from));
+        words
+    }
+
+    /// Leave it in a folder, with the script of its controlling jobs, which calls `gl_submit --control`, wherever
+    /// and whenever it starts.
     ///
     /// # Errors
     /// If the files cannot be written.
-    pub fn write(&self, out: &Path, program: &Path, arguments: &[String]) -> Result<()> {
+    pub fn write(&self, out: &Path, gl_submit: &Path) -> Result<()> {
         write(&out.join(Self::FILE), toml::to_string(self)?.as_bytes())?;
         let mut script = "#!/bin/bash\n".to_owned();
         for name in ["PATH", "RUN_TIMEOUT", "PACKED"] {
@@ -71,12 +105,41 @@ impl Record {
                 script.push_str(&format!("export {name}={}\n", quoted(&value.to_string_lossy())));
             }
         }
+        let mut call = vec![gl_submit.as_os_str().to_owned(), "--control".into()];
+        call.extend(self.diagnose.then(|| "--diagnose".into()));
+        call.extend(self.arguments(out));
+        let call: Vec<String> = call.iter().map(|word| quoted(&word.to_string_lossy())).collect();
         // A folder that is missing on a node does not fail a job by itself.
-        let mut call = vec![quoted(&program.display().to_string())];
-        call.extend(arguments.iter().map(|word| quoted(word)));
         let folder = quoted(&self.folder.display().to_string());
         script.push_str(&format!("cd {folder} && exec {}\n", call.join(" ")));
         write(&script_of(out), script.as_bytes())
+    }
+
+    /// Call the driver: as far as it goes without waiting.
+    ///
+    /// * `lock` — the lock on `out`, which the driver shares.
+    ///
+    /// # Returns
+    /// Whether it has finished; if not, runs are in the queue.
+    ///
+    /// # Errors
+    /// If it failed.
+    pub fn advance(&self, out: &Path, driver: &Path, lock: &OutLock) -> Result<bool> {
+        let mut command = Command::new(driver);
+        command.args(self.arguments(out)).arg("--no-wait").stdin(Stdio::null());
+        if let Some(iterations) = self.iterations {
+            command.args(["--iterations", &iterations.to_string()]);
+        }
+        if let Some(until) = self.until {
+            command.args(["--until", &until.to_string()]);
+        }
+        let status = lock.share(&mut command, out).status();
+        let status = status.with_context(|| format!("{}: cannot be started", driver.display()))?;
+        match status.code() {
+            Some(0) => Ok(true),
+            Some(1) => Ok(false),
+            _ => bail!("{}: {} failed ({status})", out.display(), self.driver()),
+        }
     }
 }
 
@@ -127,7 +190,23 @@ fn is_numbered(folder: &Path) -> bool {
     number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// What runs in `out` has in the queue, or had last, as it was noted.
+/// Whether runs were ever started in `out`.
+///
+/// # Errors
+/// If a folder cannot be read.
+pub fn is_begun(out: &Path) -> Result<bool> {
+    Ok(stages(out)?.iter().any(|stage| stage.join("runs").is_dir()))
+}
+
+/// Forget the attempts at runs in `out`, so that those that failed are tried anew.
+///
+/// # Errors
+/// If a file cannot be removed.
+pub fn forgive(out: &Path) -> Result<()> {
+    stages(out)?.iter().try_for_each(|stage| cluster::forgive(stage))
+}
+
+/// What the runs in `out` have in the queue, or had last, as noted.
 ///
 /// # Errors
 /// If a folder or file cannot be read.
@@ -152,6 +231,8 @@ pub(crate) fn noted_in(path: &Path) -> Result<Vec<Noted>> {
 
 /// What a folder has in the queue of a scheduler.
 pub struct Control<'a> {
+    /// As it was given, for messages.
+    shown: String,
     out: PathBuf,
     scheduler: &'a dyn Scheduler,
 }
@@ -162,8 +243,9 @@ impl<'a> Control<'a> {
     /// # Errors
     /// If there is no such folder.
     pub fn of(out: &Path, scheduler: &'a dyn Scheduler) -> Result<Self> {
-        let out = fs::canonicalize(out).with_context(|| format!("{}: cannot be found", out.display()))?;
-        Ok(Self { out, scheduler })
+        let shown = out.display().to_string();
+        let out = fs::canonicalize(out).with_context(|| format!("{shown}: cannot be found"))?;
+        Ok(Self { shown, out, scheduler })
     }
 
     /// The controlling job, if there is one in the queue beside the one that asks.
@@ -210,7 +292,7 @@ impl<'a> Control<'a> {
                 folder: &self.out,
                 log: Log::File(&log),
             };
-            let out = self.out.display();
+            let out = &self.shown;
             match self.scheduler.submit(&request, say) {
                 Ok(id) => {
                     write(&self.id_file(), format!("{id}\n").as_bytes())?;
@@ -252,7 +334,7 @@ impl<'a> Control<'a> {
             self.scheduler.cancel(&jobs, say);
             pause();
         }
-        bail!("{}: still in the queue: {}", self.out.display(), ids(&jobs).join(" "))
+        bail!("{}: still in the queue: {}", self.shown, ids(&jobs).join(" "))
     }
 
     fn id_file(&self) -> PathBuf {

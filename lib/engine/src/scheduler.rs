@@ -39,6 +39,9 @@ impl Patience {
 }
 
 impl Patience {
+    /// How long a controlling job waits for whoever left it behind to end.
+    pub const LOCK: Duration = Duration::from_secs(600);
+
     /// Of whoever asks from here: a job, or somebody at a terminal.
     pub fn here() -> Self {
         let is_job = ["SLURM_JOB_ID", "PBS_JOBID"].iter().any(|name| env::var_os(name).is_some());
