@@ -20,6 +20,14 @@ pub fn status(table: &BatchTable, dir: &Path) -> Result<Vec<Result<(), Failure>>
     completeness(table.samples(), dir)
 }
 
+/// Whether the run of this name goes on now: an engine has begun it and is alive. `is_held` is what
+/// [`RunFolder::is_held`](crate::folder::RunFolder::is_held) says; a queue's engine is taken to be alive
+/// as long as it has jobs there.
+pub fn is_running(dir: &Path, name: &str, is_held: bool) -> bool {
+    let work = dir.join(".run");
+    (is_held || work.join("jobs").exists()) && work.join(format!("{name}.running")).exists()
+}
+
 /// The rows whose run is not complete in `dir`, in order.
 ///
 /// # Errors

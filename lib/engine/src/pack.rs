@@ -5,12 +5,13 @@ use std::fs::{self, File};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use gl_inference::samples::check_description;
 use gl_table::Sink;
 
+use crate::Say;
 use crate::call::file;
-use crate::folder;
+use crate::folder::{self, RunFolder};
 
 const ENDING: &str = "_packed.txt";
 
@@ -50,19 +51,24 @@ fn path(dir: &Path, name: &str, number: usize) -> PathBuf {
 }
 
 /// Pack the loose runs of a folder, in the order of their names: those that have both files. Their files, and
-/// what is left of logs and statuses, are removed once the packed file is on disk.
+/// what is left of logs and statuses, are removed once the packed file is on disk. Waits where an engine
+/// has runs there.
 ///
 /// Returns how many runs were packed.
 ///
 /// # Errors
-/// If a file cannot be read or written.
-pub fn pack(dir: &Path) -> Result<usize> {
+/// If the folder is not there, or a file cannot be read or written.
+pub fn pack(dir: &Path, say: Say) -> Result<usize> {
     let cannot = || format!("{}: cannot be read", dir.display());
+    ensure!(dir.is_dir(), "{}: no such folder of runs", dir.display());
+    let mut folder = RunFolder::create(dir)?;
+    folder.lock(say)?;
     let mut names = Vec::new();
     for entry in fs::read_dir(dir).with_context(cannot)? {
         let name = entry.with_context(cannot)?.file_name();
         let name = name.to_str().and_then(|name| name.strip_suffix("_sim.txt"));
-        names.extend(name.filter(|name| file(dir, name, "_param.txt").is_file()).map(str::to_owned));
+        let is_run = |name: &&str| check_description(name).is_ok() && file(dir, name, "_param.txt").is_file();
+        names.extend(name.filter(is_run).map(str::to_owned));
     }
     names.sort();
     for names in names.chunks(RUNS_A_FILE) {
@@ -150,7 +156,7 @@ fn unpack_one(path: &Path, mut input: impl BufRead, dir: &Path) -> Result<Option
 fn head(line: &[u8]) -> Option<(String, u64)> {
     let line = std::str::from_utf8(line).ok()?.trim_end();
     let (name, length) = line.strip_prefix("# file ")?.split_once(' ')?;
-    let run = name.strip_suffix("_param.txt").or_else(|| name.strip_suffix("_sim.txt"))?;
-    check_description(run).ok()?;
+    let run = name.strip_suffix("_param.txt").or_else(|| name.strip_suffix("_sim.txt"));
+    check_description(run.unwrap_or(name)).ok()?;
     Some((name.to_owned(), length.parse().ok()?))
 }

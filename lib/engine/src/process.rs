@@ -31,6 +31,20 @@ const GRACE: Duration = Duration::from_secs(10);
 /// is full fails the runs of all.
 pub const LONGEST_LOG: usize = 1_000_000;
 
+/// Exit code of a process that could not run its rows since the disk takes no more: others cannot either.
+pub const DISK_UNUSABLE: u8 = 2;
+
+/// Whether an error says that the disk takes no more.
+pub fn is_disk_unusable(error: &Error) -> bool {
+    let kinds = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
+    kinds.into_iter().any(|kind| {
+        matches!(
+            kind,
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::ReadOnlyFilesystem
+        )
+    })
+}
+
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {

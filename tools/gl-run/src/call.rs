@@ -35,6 +35,9 @@ pub struct Shared {
     /// [env: PACKED=1]
     #[arg(long)]
     packed: bool,
+    /// Where the runs have their scratch folders, such as a fast disk [env: GL_SCRATCH] [default: in DIR]
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
 }
 
 impl Shared {
@@ -45,7 +48,6 @@ impl Shared {
 
     /// The call, with what the environment says where the options do not.
     pub fn call(&self) -> Result<Call> {
-        let case = self.case.clone().or_else(|| given("CASE").map(PathBuf::from));
         let packed = match given("PACKED").as_deref() {
             _ if self.packed => true,
             None | Some("0") => false,
@@ -56,13 +58,20 @@ impl Shared {
             samples: self.samples.clone(),
             model: self.model.clone(),
             dir: self.dir.clone(),
-            case: case.unwrap_or_else(|| PathBuf::from(".")),
+            case: self.case(),
             limit: self
                 .run_timeout
                 .map_or_else(|| setting("RUN_TIMEOUT"), |limit| Ok(Some(limit)))?
                 .unwrap_or_default(),
             packed,
+            scratch: self.scratch.clone().or_else(|| given("GL_SCRATCH").map(PathBuf::from)),
         })
+    }
+
+    /// The folder of the case.
+    pub fn case(&self) -> PathBuf {
+        let given = || given("CASE").map(PathBuf::from);
+        self.case.clone().or_else(given).unwrap_or_else(|| PathBuf::from("."))
     }
 
     /// Runs at a time, where it was said.

@@ -12,7 +12,7 @@ use gl_engine::batch_table::BatchTable;
 use gl_engine::complete::missing_of;
 use gl_engine::folder::RunFolder;
 use gl_engine::job::Job;
-use gl_engine::process::{Ending, Termination, start, supervise, tie};
+use gl_engine::process::{DISK_UNUSABLE, Ending, Termination, is_disk_unusable, start, supervise, tie};
 use gl_engine::row::{Log, Outcome, run_rows};
 use rustix::process::Signal;
 
@@ -67,7 +67,13 @@ impl Inner {
             }
             Self::Task { work, task, rows } => self::task(work, task.as_deref(), rows),
         };
-        code.map_or_else(|error| gl_cli::finish::<()>(NAME, Err(error)), ExitCode::from)
+        code.map_or_else(
+            |error| {
+                gl_cli::note(NAME, format_args!("{error:#}"));
+                ExitCode::from(if is_disk_unusable(&error) { DISK_UNUSABLE } else { 1 })
+            },
+            ExitCode::from,
+        )
     }
 }
 

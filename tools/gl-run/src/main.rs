@@ -32,8 +32,8 @@ Exit code: 0 all rows were tried, failed or not; 1 some were not; 2 the input is
 wrong, nothing ran.
 
 Example:
-  gl-run local samples.txt 'sh -c \"(echo x y; echo 0 $1) >$0_sim.txt\" \\
-    {description} {nu}' runs";
+  gl-run embedded samples.txt gl-contact runs
+  gl-run status samples.txt runs";
 
 #[derive(Subcommand)]
 enum Task {
@@ -65,13 +65,7 @@ fn run(task: &Task) -> Result<bool> {
         Task::Local(shared) => local::run(&mut shared.check()?, shared.jobs()?, say)?,
         Task::YadeBatch(shared) => yade_batch::run(&mut shared.check()?, shared.jobs()?, say)?,
         Task::Embedded(shared) => {
-            return Err(embedded::become_model(
-                &shared.samples,
-                &shared.model,
-                &shared.dir,
-                shared.given_jobs()?,
-                say,
-            ));
+            return Err(embedded::become_model(&shared.call()?, shared.given_jobs()?, say));
         }
         Task::Status(status) => return status.run(),
         Task::Pack(pack) => return pack.run(),

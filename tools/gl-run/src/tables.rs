@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl_engine::{batch_table::BatchTable, complete, pack};
+use gl_engine::batch_table::BatchTable;
+use gl_engine::folder::RunFolder;
+use gl_engine::{complete, pack};
 use gl_table::TableWriter;
 
 use crate::say;
@@ -26,9 +28,13 @@ impl Status {
         let table = BatchTable::read(&self.samples)?;
         let status = complete::status(&table, &self.dir)?;
         let mut writer = TableWriter::create(self.output.as_deref(), &["sample", "status", "detail"])?;
+        let is_held = RunFolder::is_held(&self.dir);
         for (name, status) in table.samples().names.iter().zip(&status) {
             match status {
                 Ok(()) => writer.text(name).text("ok").text(""),
+                Err(_) if complete::is_running(&self.dir, name, is_held) => {
+                    writer.text(name).text("running").text("")
+                }
                 Err(failure) => writer.text(name).text(failure.reason()).text(failure.detail()),
             };
             writer.end_row()?;
@@ -46,7 +52,7 @@ pub struct Pack {
 
 impl Pack {
     pub fn run(&self) -> Result<bool> {
-        let packed = pack::pack(&self.dir)?;
+        let packed = pack::pack(&self.dir, &say)?;
         say(&format!("{packed} runs packed"));
         Ok(true)
     }
