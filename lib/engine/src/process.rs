@@ -19,7 +19,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Error, Result};
 use rustix::io::Errno;
 use rustix::process::{
-    Pid, Signal, WaitId, WaitIdOptions, getppid, kill_process_group, set_parent_process_death_signal, waitid,
+    Pid, Signal, WaitId, WaitIdOptions, WaitOptions, getpid, getppid, kill_process_group,
+    set_child_subreaper, set_parent_process_death_signal, test_kill_process_group, waitid, waitpgid,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -75,12 +76,16 @@ impl std::fmt::Debug for Event {
 }
 
 impl Termination {
-    /// From now on SIGTERM, SIGINT and SIGHUP do not end this process, but what it [`supervise`]s.
+    /// From now on SIGTERM, SIGINT and SIGHUP do not end this process, but what it [`supervise`]s; and what
+    /// loses its parent below this process becomes its child, so that nothing is left as a zombie where
+    /// there is no init, as in a container.
     ///
     /// # Errors
     /// If the signals cannot be had.
     pub fn on_signals() -> Result<Self> {
         let termination = Self::never();
+        // Where the kernel cannot, init does that.
+        let _ = set_child_subreaper(Some(getpid()));
         let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
         let sender = termination.sender.clone();
         thread::spawn(move || {
@@ -184,9 +189,31 @@ pub fn supervise(
             }
         }
     }
-    let _ = kill_process_group(group, Signal::KILL);
+    if early.is_none() {
+        let _ = kill_process_group(group, Signal::KILL);
+    }
     let status = child.wait()?;
+    end_group(group, deadline);
     Ok(early.unwrap_or(Ending::Exited(code(status))))
+}
+
+/// Wait until nothing is left of a process group whose leader has ended, and kill what is left at the deadline.
+fn end_group(group: Pid, deadline: Option<Instant>) {
+    let deadline = deadline.unwrap_or_else(Instant::now);
+    let mut is_killed = false;
+    loop {
+        // Those whose parent has died are children of this process.
+        while matches!(waitpgid(group, WaitOptions::NOHANG), Ok(Some(_))) {}
+        if is_killed || test_kill_process_group(group).is_err() {
+            return;
+        }
+        if Instant::now() >= deadline {
+            let _ = kill_process_group(group, Signal::KILL);
+            is_killed = true;
+        } else {
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
 }
 
 /// The exit code as a shell has it.
