@@ -26,7 +26,7 @@ installed_scripts_find_the_tools_and_each_other_from_anywhere() {
     PATH=/usr/bin:/bin
     ends_with 0 "$share/gl/scripts/calibrate" "$share/gl/examples/collision" embedded fit
     grep -q '^E_m' out
-    "$share/gl/scripts/run-local" --help | grep -q '^    run-local SAMPLES MODEL DIR'
+    "$share/gl/scripts/run-local" --help | grep -q 'gl-run local .*<SAMPLES> <MODEL> <DIR>'
     ends_with 0 "$share/gl/scripts/report-html" "$share/gl/examples/collision" embedded fit
     [ -s fit/report.html ]
 }

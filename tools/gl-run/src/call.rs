@@ -41,9 +41,11 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// The call, checked; see [`Call::check`].
-    pub fn check(&self) -> Result<Batch> {
-        self.call()?.check()
+    /// The call, checked (see [`Call::check`]), and how many runs at a time.
+    pub fn check(&self) -> Result<(Batch, NonZeroUsize)> {
+        let all = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+        let jobs = self.jobs()?.unwrap_or_else(all);
+        Ok((self.call()?.check()?, jobs))
     }
 
     /// The call, with what the environment says where the options do not.
@@ -75,14 +77,8 @@ impl Shared {
     }
 
     /// Runs at a time, where it was said.
-    pub fn given_jobs(&self) -> Result<Option<NonZeroUsize>> {
+    pub fn jobs(&self) -> Result<Option<NonZeroUsize>> {
         self.jobs.map_or_else(|| setting("JOBS"), |jobs| Ok(Some(jobs)))
-    }
-
-    /// Runs at a time.
-    pub fn jobs(&self) -> Result<NonZeroUsize> {
-        let all = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-        Ok(self.given_jobs()?.unwrap_or_else(all))
     }
 }
 

@@ -62,10 +62,16 @@ fn say(message: &str) {
 fn run(task: &Task) -> Result<bool> {
     let say: Say = &say;
     let report = match task {
-        Task::Local(shared) => local::run(&mut shared.check()?, shared.jobs()?, say)?,
-        Task::YadeBatch(shared) => yade_batch::run(&mut shared.check()?, shared.jobs()?, say)?,
+        Task::Local(shared) => {
+            let (mut batch, jobs) = shared.check()?;
+            local::run(&mut batch, jobs, say)?
+        }
+        Task::YadeBatch(shared) => {
+            let (mut batch, threads) = shared.check()?;
+            yade_batch::run(&mut batch, threads, say)?
+        }
         Task::Embedded(shared) => {
-            return Err(embedded::become_model(&shared.call()?, shared.given_jobs()?, say));
+            return Err(embedded::become_model(&shared.call()?, shared.jobs()?, say));
         }
         Task::Status(status) => return status.run(),
         Task::Pack(pack) => return pack.run(),
