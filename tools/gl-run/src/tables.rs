@@ -7,7 +7,8 @@ use clap::Args;
 use gl_engine::batch_table::BatchTable;
 use gl_engine::folder::RunFolder;
 use gl_engine::{complete, pack};
-use gl_table::TableWriter;
+use gl_inference::collect::{Failure, RunStatus};
+use gl_table::write_rows;
 
 use crate::say;
 
@@ -27,19 +28,16 @@ impl Status {
     pub fn run(&self) -> Result<bool> {
         let table = BatchTable::read(&self.samples)?;
         let status = complete::status(&table, &self.dir)?;
-        let mut writer = TableWriter::create(self.output.as_deref(), &["sample", "status", "detail"])?;
         let is_held = RunFolder::is_held(&self.dir);
-        for (name, status) in table.samples().names.iter().zip(&status) {
-            match status {
-                Ok(()) => writer.text(name).text("ok").text(""),
-                Err(_) if complete::is_running(&self.dir, name, is_held) => {
-                    writer.text(name).text("running").text("")
-                }
-                Err(failure) => writer.text(name).text(failure.reason()).text(failure.detail()),
-            };
-            writer.end_row()?;
-        }
-        writer.finish()?;
+        let row = |(name, status): (&String, &Result<(), Failure>)| {
+            let mut row = RunStatus::new(name, status);
+            if status.is_err() && complete::is_running(&self.dir, name, is_held) {
+                row = RunStatus { status: "running".to_owned(), detail: String::new(), ..row };
+            }
+            row
+        };
+        let rows: Vec<RunStatus> = table.samples().names.iter().zip(&status).map(row).collect();
+        write_rows(self.output.as_deref(), &rows)?;
         Ok(true)
     }
 }
