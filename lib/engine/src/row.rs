@@ -171,7 +171,9 @@ impl Run<'_> {
             Model::Yade(script) => {
                 // A table of its own, since Yade reads all rows; a relative path, since Yade splits it at a
                 // colon.
-                folder::write(&scratch.join("samples.txt"), table.select(&[*row]).text().as_bytes())?;
+                let own = scratch.join("samples.txt");
+                fs::write(&own, table.select(&[*row]).text())
+                    .with_context(|| format!("{}: cannot be written", own.display()))?;
                 let threads = table.threads(*row).map_or_else(|| job.threads.to_string(), str::to_owned);
                 command.args(["yade", "-n", "-x", "-j", &threads]).arg(script);
                 command.env("YADE_BATCH", "samples.txt:2");
@@ -202,7 +204,8 @@ impl Run<'_> {
         }
         let parameters = file(scratch, self.name, "_param.txt");
         if !parameters.exists() {
-            folder::write(&parameters, self.parameters().as_bytes())?;
+            fs::write(&parameters, self.parameters())
+                .with_context(|| format!("{}: cannot be written", parameters.display()))?;
         }
         let own = self.table.select(&[self.row]);
         let status = completeness_in(own.samples(), scratch, Vec::new())?;
