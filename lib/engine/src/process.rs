@@ -28,6 +28,9 @@ use signal_hook::iterator::Signals;
 /// What a command that was told to end is given before it is killed.
 const GRACE: Duration = Duration::from_secs(10);
 
+/// What lies at the most between the ends of processes that are told to end together.
+const TOGETHER: Duration = Duration::from_millis(500);
+
 /// What a log has at the most, in bytes. A warning at every contact and step makes gigabytes, and a disk that
 /// is full fails the runs of all.
 pub const LONGEST_LOG: usize = 1_000_000;
@@ -194,6 +197,13 @@ pub fn supervise(
     }
     let status = child.wait()?;
     end_group(group, deadline);
+    // A scheduler that ends a task tells all its processes, in any order.
+    let is_told = status.signal() == Some(SIGTERM)
+        && early.is_none()
+        && matches!(termination.receiver.recv_timeout(TOGETHER), Ok(Event::Terminate));
+    if is_told {
+        return Ok(Ending::Terminated);
+    }
     Ok(early.unwrap_or(Ending::Exited(code(status))))
 }
 
@@ -314,6 +324,18 @@ mod tests {
             sender.send(Event::Terminate)
         });
         assert_eq!(supervise(&mut shell("sleep 60"), None, &termination).unwrap(), Ending::Terminated);
+    }
+
+    #[test]
+    fn a_command_that_is_told_to_end_just_before_who_started_it_has_not_ended_by_itself() {
+        let termination = Termination::never();
+        let sender = termination.sender.clone();
+        thread::spawn(move || {
+            thread::sleep(Duration::from_millis(200));
+            sender.send(Event::Terminate)
+        });
+        assert_eq!(supervise(&mut shell("kill $$"), None, &termination).unwrap(), Ending::Terminated);
+        assert_eq!(supervise(&mut shell("kill $$"), None, &Termination::never()).unwrap(), Ending::Exited(143));
     }
 
     #[test]
