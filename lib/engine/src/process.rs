@@ -335,7 +335,10 @@ mod tests {
             sender.send(Event::Terminate)
         });
         assert_eq!(supervise(&mut shell("kill $$"), None, &termination).unwrap(), Ending::Terminated);
-        assert_eq!(supervise(&mut shell("kill $$"), None, &Termination::never()).unwrap(), Ending::Exited(143));
+        assert_eq!(
+            supervise(&mut shell("kill $$"), None, &Termination::never()).unwrap(),
+            Ending::Exited(143)
+        );
     }
 
     #[test]
