@@ -71,7 +71,7 @@ headers_that_are_wrong_are_refused() {
     done <<'END'
 |no header
 a|no column description
-description a a|column a is there more than once
+description a a|duplicate column a
 description !EXEC|cannot be a column name
 description a;b|cannot be a column name
 description dir|column dir
