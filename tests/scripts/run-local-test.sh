@@ -238,6 +238,7 @@ an_engine_needs_no_other_program() {
     with_table 1 2 3
     mkdir bin
     ln -s "$(type -P gl-run)" bin/gl-run
+    # shellcheck disable=SC2016  # the model expands it
     printf '#!%s\n%s\n' "$(type -P bash)" 'printf "u f\n0 1\n" >"$1_sim.txt"' >model
     chmod +x model
     PATH=$PWD/bin ends_with 0 "$PWD/bin/gl-run" local samples.txt './model {description}' runs
@@ -257,7 +258,7 @@ each_of_the_processes_may_be_killed() {
     wait "$engine" || true
     # The lock is free once the run has ended.
     timeout 5 flock runs true
-    ! pgrep -f "$PWD/model"
+    if pgrep -f "$PWD/model"; then return 1; fi
     same "$(cat runs/r0.status)" '143 TERMINATED'
     rm started
     run-local samples.txt "$model" runs 2>err &
@@ -266,11 +267,12 @@ each_of_the_processes_may_be_killed() {
     pkill -9 -P "$engine"
     wait "$engine" || true
     says '1 rows were not tried'
-    ! pgrep -f "$PWD/model"
+    if pgrep -f "$PWD/model"; then return 1; fi
 }
 
 a_model_that_leaves_its_group_keeps_the_next_engine_waiting() {
     with_table 1
+    # shellcheck disable=SC2016  # the model expands it
     printf '#!/bin/bash\nsetsid sleep 2 &\nsleep 0.2\nprintf "u f\\n0 1\\n" >"$1_sim.txt"\n' >model
     chmod +x model
     ends_with 0 run-local samples.txt './model {description}' runs

@@ -35,9 +35,15 @@ Example:
   gl-run embedded samples.txt gl-contact runs
   gl-run status samples.txt runs";
 
+const LOCAL: &str = "\
+Example:
+  gl-run local samples.txt \\
+    'python3 {case}/model.py {description} {E_m} {nu}' runs --jobs 4";
+
 #[derive(Subcommand)]
 enum Task {
     /// Run the rows on this machine, several at a time
+    #[command(after_help = LOCAL)]
     Local(Shared),
     /// Run the rows of a Yade script by yade-batch, with its overview at http://localhost:9080
     YadeBatch(Shared),
