@@ -198,3 +198,21 @@ fn absurd_numbers_of_samples_are_refused() {
         folder.refuses(&format!("gl-sample -p params.txt -n {n} -o many.txt"), &["-n", n]);
     }
 }
+
+#[test]
+fn twenty_parameters_and_components_are_drawn_one_way_or_the_other() {
+    let folder = Folder::default();
+    let rows: String = (0..20).map(|j| format!("p{j} 0 1\n")).collect();
+    folder.write("params.txt", format!("name lower upper\n{rows}"));
+    folder.run("gl-sample -p params.txt -n 400 -o samples.txt");
+    let samples = folder.table("samples.txt");
+    let names: Vec<String> = (0..20).map(|j| format!("p{j}")).collect();
+    let mut weights = format!("sample\t{}\tweight\n", names.join("\t"));
+    for row in 0..samples.len() {
+        let fields: Vec<&str> = (2..22).map(|j| samples.field(row, j)).collect();
+        weights += &format!("s{row}\t{}\t1\n", fields.join("\t"));
+    }
+    folder.write("weights.txt", weights);
+    let said = folder.run("gl-gmm-resample -p params.txt -n 200 --components 20 weights.txt -o next.txt");
+    assert_eq!(folder.table("next.txt").len(), 200, "{said}");
+}

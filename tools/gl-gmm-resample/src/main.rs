@@ -110,6 +110,12 @@ fn run(args: &Args) -> Result<()> {
     if resampled.was_widened {
         note("gl-gmm-resample", "the weight rests on very few samples; their neighbours were taken in");
     }
+    if resampled.was_by_density {
+        note(
+            "gl-gmm-resample",
+            "hardly any of the slice lies inside the bounds, so the samples were drawn by the mixture's density",
+        );
+    }
     if let Some(path) = &args.proposal_out {
         resampled.proposal.write(path)?;
     }
