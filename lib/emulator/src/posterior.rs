@@ -35,7 +35,7 @@ use noise::ChiSquare;
 pub use proof::Proof;
 use smc::{Effort, Population, sample};
 use space::Space;
-use surrogate::{Ranked, Surrogate};
+use surrogate::{MOST_CALIBRATION, Ranked, Surrogate};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -50,6 +50,9 @@ pub struct Question<'a> {
     pub observations: &'a Observations,
     /// Standard deviation of its noise, shape (observables, steps), if it is known.
     pub noise: Option<&'a [Vec<f64>]>,
+    /// Where it is not known: what the noise is a share of, shape (observables, steps); the largest value of each
+    /// observable if absent.
+    pub scale: Option<&'a [Vec<f64>]>,
     /// Steps that are compared.
     pub steps: std::ops::Range<usize>,
     /// Names of the samples of the newest batch, which the runs before are asked to predict; none for the
@@ -138,10 +141,17 @@ pub struct Run {
 const FIRST_PARTICLES: usize = 600;
 const PARTICLES: usize = 2000;
 
-/// Kurtosis of the standardised errors, and their size in standard deviations of the noise, from which a
-/// simulator is too rough for an emulator.
+/// From so many runs a parameter, and so many more, an emulator must follow the simulator.
+const ENOUGH_RUNS: (usize, usize) = (15, 10);
+
+/// Errors of the newest batch, in standard deviations of what was predicted, and of the runs near the posterior,
+/// in those of the noise and by their kurtosis, from which a simulator is too rough for an emulator.
+const UNFIT_Z: f64 = 3.0;
+const UNFIT_ERROR: f64 = 1.0;
 const UNFIT_KURTOSIS: f64 = 9.0;
-const UNFIT_ERROR: f64 = 0.5;
+
+/// Probability below which a batch is not as it was predicted.
+const DISPROVEN: f64 = 0.01;
 
 /// Draws whose likelihoods are compared in pairs.
 const PAIRED: usize = 400;
@@ -161,7 +171,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
         "{}: has _sd columns; an emulator is trained on runs, not on what an emulator predicted",
         question.ensemble.source
     );
-    let stage = stage("sampling the posterior", 4);
+    let stage = stage("sampling the posterior", 3);
     let observations = question.observations.part(question.steps.clone());
     let runs: Vec<usize> = (0..question.ensemble.len()).collect();
     let ensemble = question.ensemble.part(&runs, question.steps.clone());
@@ -180,20 +190,23 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     stage.advance();
 
     let ranked = ranked.by_prediction(&first.emulator, &measured)?;
-    let surrogate = ranked.best(&measured, options.seed)?;
-    stage.advance();
-    let near = ranked.places()?.into_iter().take(ranked.near()).collect();
-    let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
-    let outcome = sampler.settle(likelihood.nuisances(), &population)?;
-    stage.advance();
-
+    let mut surrogate = ranked.best(&measured, options.seed)?;
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
     let proof = if newest.is_empty() {
         None
     } else {
         proof::prove(&ranked, &newest, &measured, surrogate.recipe, &space, question.samples, options.seed)?
     };
+    if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
+        // What was predicted too boldly may well be so again: of both widths the larger.
+        surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
+    }
     stage.advance();
+    let near = ranked.places()?.into_iter().take(ranked.near()).collect();
+    let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
+    let outcome = sampler.settle(likelihood.nuisances(), &population)?;
+    stage.advance();
+
     finish(space.clone(), surrogate, measured, outcome, proof, &ranked, (question.samples, &ensemble), options)
 }
 
@@ -207,7 +220,7 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
             [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
         })
         .collect();
-    let base = match question.noise {
+    let base = match question.noise.or(question.scale) {
         Some(noise) => noise.iter().flat_map(|noise| noise[question.steps.clone()].to_vec()).collect(),
         // As the filter has it: the largest value.
         None => {
@@ -570,9 +583,14 @@ impl Inference {
         Ok(choice.next(count, seed)?.iter().map(|x| self.space.values(x)).collect())
     }
 
-    /// Whether no emulator follows the simulator.
+    /// Whether no emulator follows the simulator, with runs enough to: the newest batch is far from what was
+    /// predicted of it, or errors are large now and then that are small otherwise.
     pub fn is_unfit(&self) -> bool {
-        self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR
+        let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
+        let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
+        let is_rough =
+            self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
+        is_enough && (is_far || is_rough)
     }
 
     /// The measurement as it was compared.

@@ -39,7 +39,7 @@ fn run(args: &Args) -> Result<()> {
         return repeat(&problems, args);
     }
     let columns = [
-        "problem", "replicates", "runs", "runs_most", "unsettled", "coverage90", "sd_ratio", "sd_ratio_10", "sd_ratio_90",
+        "problem", "replicates", "runs", "runs_most", "unsettled", "unfit", "coverage90", "sd_ratio", "sd_ratio_10", "sd_ratio_90",
         "sd_ratio_least", "shift", "shift_90", "correlated", "inflated", "mode_kept",
     ];
     let mut table = TableWriter::create(None, &columns)?;
@@ -64,7 +64,7 @@ fn run(args: &Args) -> Result<()> {
         let modes: Vec<&Outcome> = outcomes.iter().filter(|o| o.lesser.1 > 0.1).collect();
         let kept = modes.iter().filter(|o| o.lesser.0 > 0.3 * o.lesser.1).count() as f64;
         table.text(problem.name).number(args.num as f64);
-        table.numbers(&[of(runs(), 0.5), of(runs(), 1.0), share(&|o| !o.is_settled), held]);
+        table.numbers(&[of(runs(), 0.5), of(runs(), 1.0), share(&|o| !o.is_settled), share(&|o| o.is_unfit), held]);
         table.numbers(&[of(ratios(), 0.5), of(ratios(), 0.1), of(ratios(), 0.9), of(ratios(), 0.0)]);
         table.numbers(&[of(shifts(), 0.5), of(shifts(), 0.9)]);
         table.numbers(&[share(&|o| o.is_correlated), share(&|o| o.is_inflated)]);

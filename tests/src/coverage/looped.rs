@@ -20,6 +20,8 @@ pub struct Outcome {
     pub runs: usize,
     /// Whether it stopped by itself.
     pub is_settled: bool,
+    /// Whether it gave up on an emulator.
+    pub is_unfit: bool,
     /// By parameter: whether the 90 % interval holds the truth.
     pub holds: Vec<bool>,
     /// Its standard deviation over the true posterior's.
@@ -74,6 +76,7 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
             ensemble: &ensemble,
             observations: &observations,
             noise: told.as_deref(),
+            scale: None,
             steps: 0..problem.steps,
             newest: &newest,
         };
@@ -84,7 +87,7 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
         if is_verbose {
             eprintln!("{} {seed} {} runs: {}", problem.name, samples.len(), said(&inference, &asked, &exact));
         }
-        if is_settled || samples.len() >= most_runs(d) {
+        if is_settled || inference.is_unfit() || samples.len() >= most_runs(d) {
             let last = said(&inference, &asked, &exact);
             return Ok(outcome(&inference, &exact, &truth, samples.len(), is_settled, last));
         }
@@ -136,8 +139,9 @@ fn said(
         .map(|(ratio, shift)| format!("{ratio:.2}/{shift:+.2}"))
         .collect();
     format!(
-        "{} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
+        "{}{} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
         criteria.join(" "),
+        if inference.is_unfit() { " UNFIT" } else { "" },
         inference.shift_if_known,
         inference.ratio_if_known,
         s.rmse,
@@ -186,6 +190,7 @@ fn outcome(
     Outcome {
         runs,
         is_settled,
+        is_unfit: inference.is_unfit(),
         holds: truth.iter().enumerate().map(holds).collect(),
         ratio: compared.iter().map(|c| c.0).collect(),
         shift: compared.iter().map(|c| c.1).collect(),

@@ -59,7 +59,7 @@ const PLAIN: Problem = Problem {
 };
 
 /// All problems.
-pub const PROBLEMS: [Problem; 13] = [
+pub const PROBLEMS: [Problem; 14] = [
     PLAIN,
     Problem { name: "unknown-noise", is_told: false, ..PLAIN },
     Problem { name: "ridge", parameters: 4, noise: 0.02, curve: ridge, ..PLAIN },
@@ -72,6 +72,7 @@ pub const PROBLEMS: [Problem; 13] = [
     Problem { name: "smooth-scatter-measured", scatter: Scatter::Smooth, is_measured: true, ..PLAIN },
     Problem { name: "correlated-noise", steps: 80, phi: 0.8, ..PLAIN },
     Problem { name: "jump", curve: jump, ..PLAIN },
+    Problem { name: "stairs", curve: stairs, ..PLAIN },
     Problem { name: "wide", parameters: 3, noise: 0.02, curve: wide, ..PLAIN },
 ];
 
@@ -111,6 +112,12 @@ fn jump(p: &[f64], j: usize, u: f64) -> f64 {
     // A branch that opens where both parameters together are large enough.
     let opens = p[0] + 0.6 * p[1] > 0.8;
     two(p, j, u) + if opens { 0.25 * u * u } else { 0.0 }
+}
+
+/// A simulator that jumps wherever a parameter goes by.
+fn stairs(p: &[f64], j: usize, u: f64) -> f64 {
+    let step = |x: f64| (13.0 * x).floor() / 13.0;
+    two(&[step(p[0] + 0.03 * p[1]), step(p[1] + 0.05 * p[0])], j, u) + 0.08 * p[0] * u
 }
 
 /// Over the whole prior it goes through three decades.

@@ -7,6 +7,7 @@ use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::ensemble::Ensemble;
+use gl_inference::misfit::{Covariance, Scale};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
@@ -37,6 +38,12 @@ struct Args {
     /// Standard deviation of each observable's noise; by default the _sd columns, else estimated with the fit
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
+    /// What an unknown noise is a share of: max, value, range or none
+    #[arg(long, value_name = "SCALE", default_value = "max")]
+    scale: Scale,
+    /// How much an observable counts where the noise is not known, as an inverse weight
+    #[arg(long, value_name = "NAME=W,…")]
+    weights: Option<ByName>,
     /// Share of the variance of the simulation's scatter that the measurement has too; by default estimated
     /// with the fit, between 0 and 1
     #[arg(long, value_name = "F", value_parser = gl_cli::not_negative)]
@@ -77,6 +84,9 @@ struct Args {
     /// Where the real runs go, with the share of the posterior that each stands for
     #[arg(long, value_name = "FILE")]
     run_weights: Option<PathBuf>,
+    /// Where the summary of the real runs by these weights goes
+    #[arg(long, value_name = "FILE")]
+    run_summary: Option<PathBuf>,
     /// Where the draws go; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -91,6 +101,8 @@ const EXAMPLE: &str = "Example:
     ensemble.txt -o draws.txt";
 
 fn run(args: &Args) -> Result<()> {
+    let outputs = [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
+    gl_cli::distinct(outputs.map(Option::as_ref))?;
     let prior = Prior::read(&args.params)?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let newest = if tables.len() > 1 { tables[tables.len() - 1].names.clone() } else { Vec::new() };
@@ -103,12 +115,17 @@ fn run(args: &Args) -> Result<()> {
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
 
     let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
+    let scale = match noise {
+        Some(_) => None,
+        None => Some(scale(args, &observations)?),
+    };
     let question = Question {
         prior: &prior,
         samples: &samples,
         ensemble: &ensemble,
         observations: &observations,
         noise: noise.as_deref(),
+        scale: scale.as_deref(),
         steps: args.steps.unwrap_or(Steps::ALL).within(observations.steps())?,
         newest: &newest,
     };
@@ -126,11 +143,21 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.run_weights {
         inference.weights_of_runs(&samples)?.write(Some(path))?;
     }
+    if let Some(path) = &args.run_summary {
+        inference.summary_of_runs(&samples)?.write(Some(path))?;
+    }
     if let Some(path) = &args.summary {
         inference.summary(&samples)?.write(Some(path))?;
     }
     gl_cli::conclude("gl-posterior", &inference.verdicts(options), args.verdict.as_deref())?;
     inference.weights().write(args.output.as_deref())
+}
+
+/// What an unknown noise is a share of, as gl-likelihood has it, shape (observables, steps).
+fn scale(args: &Args, observations: &Observations) -> Result<Vec<Vec<f64>>> {
+    let weights = args.weights.clone().unwrap_or_default();
+    let covariance = Covariance::scaled(observations, args.scale, &weights)?;
+    Ok(covariance.variance.iter().map(|row| row.iter().map(|v| v.sqrt()).collect()).collect())
 }
 
 /// The samples to run next.

@@ -110,7 +110,8 @@ impl Inference {
         let mut summary = Summary {
             runs: Some(self.runs.len() as f64),
             failed: Some((samples.len() - self.runs.len()) as f64),
-            sigma: Some(self.variance()),
+            // What the likelihood is tempered by as far as the emulator is in doubt.
+            sigma: Some(self.variance() * (1.0 + self.ignorance * self.ignorance)),
             sigma_noise: Some(self.variance()),
             ess: Some(1.0),
             ess_runs: Some(ess_runs),
@@ -143,6 +144,46 @@ impl Inference {
             });
         }
         Ok(summary)
+    }
+
+    /// The same quantities by the real runs alone, with the weights of [`Inference::weights_of_runs`].
+    ///
+    /// # Errors
+    /// See [`Inference::weights_of_runs`].
+    pub fn summary_of_runs(&self, samples: &Samples) -> Result<Summary> {
+        let weights = self.weights_of_runs(samples)?;
+        let ess_runs = 1.0 / weights.weight.iter().map(|w| w * w).sum::<f64>();
+        let errors: Vec<f64> = self.runs.iter().map(|run| run.error).collect();
+        let of = |(j, name): (usize, String)| {
+            let column: Vec<f64> = weights.values.iter().map(|row| row[j]).collect();
+            let quantiles = Quantiles::new(&column, &weights.weight);
+            let (centre, spread) = (mean(&column, &weights.weight), sd(&column, &weights.weight));
+            let parameter = &self.space.prior().parameters()[j];
+            let is_varied = self.space.varied().contains(&j);
+            ParameterSummary {
+                name,
+                mean: Some(centre),
+                sd: Some(spread),
+                q05: Some(quantiles.at(0.05)),
+                q95: Some(quantiles.at(0.95)),
+                best: Some(column[0]),
+                shrinkage: is_varied.then(|| 1.0 - (spread / parameter.sd()).powi(2)),
+                ..ParameterSummary::default()
+            }
+        };
+        Ok(Summary {
+            runs: Some(self.runs.len() as f64),
+            failed: Some((samples.len() - self.runs.len()) as f64),
+            sigma_noise: Some(self.variance()),
+            ess: Some(ess_runs / self.runs.len() as f64),
+            ess_runs: Some(ess_runs),
+            ensemble_error: Some(mean(&errors, &weights.weight)),
+            best_sample: Some(self.runs[0].name.clone()),
+            best_error: Some(self.runs[0].error),
+            best_misfit: Some(self.runs[0].misfit),
+            parameters: self.space.prior().names().into_iter().enumerate().map(of).collect(),
+            ..Summary::default()
+        })
     }
 
     /// What the posterior rests on, and how far it can be trusted.

@@ -36,7 +36,7 @@ const STARTS: usize = 5;
 const SHORT_LENGTH: f64 = 0.3;
 
 /// Largest factor on the emulator's variance.
-const MOST_CALIBRATION: f64 = 9.0;
+pub(super) const MOST_CALIBRATION: f64 = 9.0;
 
 /// An emulator, and what its leave-one-out errors on the runs near the posterior are.
 #[derive(Clone, Debug)]
@@ -305,11 +305,11 @@ impl LeftOut {
             }
             squares += (square / outputs as f64).max(1e-8).ln();
         }
-        // Of the scatter's squares, no more is known than their number says.
+        // Squares are known no better than their number says: drawn towards one by twice that.
         let known = count * count / count_squares.max(f64::MIN_POSITIVE);
-        let chance = scattered * (2.0 / known).sqrt();
-        let calibration =
-            ((errors - scattered - chance) / ignorance.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_CALIBRATION);
+        let chance = 2.0 * (scattered + ignorance) * (2.0 / known).sqrt();
+        let calibration = ((errors - scattered + chance) / (ignorance + chance).max(f64::MIN_POSITIVE))
+            .clamp(1.0, MOST_CALIBRATION);
         let kurtosis = (fourth / count) / (second / count).powi(2).max(f64::MIN_POSITIVE);
         Some(Self {
             rmse: (0.5 * squares / places.len() as f64).exp(),
