@@ -19,7 +19,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Error, Result};
 use rustix::io::Errno;
 use rustix::process::{
-    Pid, Signal, WaitId, WaitIdOptions, getppid, kill_process_group, set_parent_process_death_signal, waitid,
+    Pid, Signal, WaitId, WaitIdOptions, WaitOptions, getpid, getppid, kill_process_group,
+    set_child_subreaper, set_parent_process_death_signal, test_kill_process_group, waitid, waitpgid,
 };
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -33,6 +34,20 @@ const TOGETHER: Duration = Duration::from_millis(500);
 /// What a log has at the most, in bytes. A warning at every contact and step makes gigabytes, and a disk that
 /// is full fails the runs of all.
 pub const LONGEST_LOG: usize = 1_000_000;
+
+/// Exit code of a process that could not run its rows since the disk takes no more: others cannot either.
+pub const DISK_UNUSABLE: u8 = 2;
+
+/// Whether an error says that the disk takes no more.
+pub fn is_disk_unusable(error: &Error) -> bool {
+    let kinds = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
+    kinds.into_iter().any(|kind| {
+        matches!(
+            kind,
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::ReadOnlyFilesystem
+        )
+    })
+}
 
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,12 +79,16 @@ impl std::fmt::Debug for Event {
 }
 
 impl Termination {
-    /// From now on SIGTERM, SIGINT and SIGHUP do not end this process, but what it [`supervise`]s.
+    /// From now on SIGTERM, SIGINT and SIGHUP do not end this process, but what it [`supervise`]s; and what
+    /// loses its parent below this process becomes its child, so that nothing is left as a zombie where
+    /// there is no init, as in a container.
     ///
     /// # Errors
     /// If the signals cannot be had.
     pub fn on_signals() -> Result<Self> {
         let termination = Self::never();
+        // Where the kernel cannot, init does that.
+        let _ = set_child_subreaper(Some(getpid()));
         let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
         let sender = termination.sender.clone();
         thread::spawn(move || {
@@ -173,8 +192,11 @@ pub fn supervise(
             }
         }
     }
-    let _ = kill_process_group(group, Signal::KILL);
+    if early.is_none() {
+        let _ = kill_process_group(group, Signal::KILL);
+    }
     let status = child.wait()?;
+    end_group(group, deadline);
     // A scheduler that ends a task tells all its processes, in any order.
     let is_told = status.signal() == Some(SIGTERM)
         && early.is_none()
@@ -183,6 +205,25 @@ pub fn supervise(
         return Ok(Ending::Terminated);
     }
     Ok(early.unwrap_or(Ending::Exited(code(status))))
+}
+
+/// Wait until nothing is left of a process group whose leader has ended, and kill what is left at the deadline.
+fn end_group(group: Pid, deadline: Option<Instant>) {
+    let deadline = deadline.unwrap_or_else(Instant::now);
+    let mut is_killed = false;
+    loop {
+        // Those whose parent has died are children of this process.
+        while matches!(waitpgid(group, WaitOptions::NOHANG), Ok(Some(_))) {}
+        if is_killed || test_kill_process_group(group).is_err() {
+            return;
+        }
+        if Instant::now() >= deadline {
+            let _ = kill_process_group(group, Signal::KILL);
+            is_killed = true;
+        } else {
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
 }
 
 /// The exit code as a shell has it.
@@ -294,7 +335,10 @@ mod tests {
             sender.send(Event::Terminate)
         });
         assert_eq!(supervise(&mut shell("kill $$"), None, &termination).unwrap(), Ending::Terminated);
-        assert_eq!(supervise(&mut shell("kill $$"), None, &Termination::never()).unwrap(), Ending::Exited(143));
+        assert_eq!(
+            supervise(&mut shell("kill $$"), None, &Termination::never()).unwrap(),
+            Ending::Exited(143)
+        );
     }
 
     #[test]
