@@ -53,7 +53,9 @@ fn rows(folder: &Folder, file: &str) -> usize {
 /// When each file below a folder was written.
 fn times(folder: &Folder, out: &str) -> BTreeMap<PathBuf, SystemTime> {
     let files = folder.files().into_keys().filter(|file| file.starts_with(out));
-    files.map(|file| (file.clone(), fs::metadata(folder.path("").join(&file)).unwrap().modified().unwrap())).collect()
+    files
+        .map(|file| (file.clone(), fs::metadata(folder.path("").join(&file)).unwrap().modified().unwrap()))
+        .collect()
 }
 
 #[test]
@@ -70,11 +72,16 @@ fn settings_of_the_call_of_make_and_of_the_case_are_the_same_settings() {
     );
     assert!(output.status.success(), "{}", text(&output.stderr));
     set(&folder, &[("num", "12"), ("seed", "5"), ("noise", "{ y = 0.3 }"), ("iterations", "2")]);
-    finish(&mut calibrate(&folder, "local", "case"));
+    finish(&mut calibrate(&folder, "local", "own"));
     let expected = results(&folder, "call");
     assert!(expected.contains_key(Path::new("iter1/posterior.txt")));
-    assert_eq!(expected, results(&folder, "make"));
-    assert_eq!(expected, results(&folder, "case"));
+    for out in ["make", "own"] {
+        let found = results(&folder, out);
+        assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>());
+        for (file, bytes) in &expected {
+            assert!(found[file] == *bytes, "{out}: {} differs", file.display());
+        }
+    }
 }
 
 #[test]
@@ -91,7 +98,7 @@ fn other_settings_are_computed_anew_and_the_same_are_not() {
     assert_eq!(new.count(), 2, "eight of the samples are the same");
     let after = times(&folder, "fit");
     finish(calibrate(&folder, "local", "fit").arg("num=10"));
-    assert_eq!(after, times(&folder, "fit"));
+    assert!(after == times(&folder, "fit"));
 }
 
 #[test]
@@ -113,7 +120,7 @@ fn an_effect_that_is_given_is_in() {
 fn a_path_may_have_any_name_but_make_takes_none_with_blanks() {
     let folder = Folder::default();
     copy_case(&folder, "linear", &SMALL);
-    for name in ["a b", "a:b", "a$b", "a%b", "a#b", "a'b"] {
+    for name in ["a b", "a$b", "a%b", "a#b", "a'b"] {
         fs::rename(folder.path("case"), folder.path(name)).unwrap();
         let out = format!("fit {name}");
         finish(driver(&folder, "gl-calibrate").args([name, "--out", &out]));
@@ -160,7 +167,10 @@ fn each_call_is_noted_as_it_is_typed() {
     fs::remove_file(folder.path("fit/iter0/misfit.txt")).unwrap();
     folder.run(call);
     assert_eq!(before, folder.read("fit/iter0/misfit.txt"));
-    assert!(log.lines().any(|line| line.starts_with("gl-run embedded --case case -- fit/iter0/samples.txt")), "{log}");
+    assert!(
+        log.lines().any(|line| line.starts_with("gl-run embedded --case case -- fit/iter0/samples.txt")),
+        "{log}"
+    );
 }
 
 #[test]
@@ -172,7 +182,8 @@ fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong
             folder.write(file, text);
         }
         for tool in ["gl-check", "gl-calibrate", "gl-diagnose"] {
-            let output = driver(&folder, tool).args(["case", "--engine", engine, "--out", "out"]).output().unwrap();
+            let output =
+                driver(&folder, tool).args(["case", "--engine", engine, "--out", "out"]).output().unwrap();
             let said = text(&output.stderr);
             assert_eq!(output.status.code(), Some(2), "{tool}: {said}");
             for part in says {
@@ -183,14 +194,39 @@ fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong
     };
     wrong(&[], &[("case/obs.txt", "u f\n")], "embedded", &["case/obs.txt: no rows"]);
     wrong(&[], &[("case/obs.txt", "")], "embedded", &["case/obs.txt"]);
-    wrong(&[], &[("case/obs.txt", "u force\n0 1\n")], "embedded", &["case/obs.txt:1: no column f; the columns are u, force"]);
+    wrong(
+        &[],
+        &[("case/obs.txt", "u force\n0 1\n")],
+        "embedded",
+        &["case/obs.txt:1: no column f; the columns are u, force"],
+    );
     let both = [("case/obs.txt", "u g\n0 1\n"), ("case/params.txt", "name lower upper\na 2 1\n")];
     wrong(&[], &both, "embedded", &["no column f", "case/params.txt:2: column upper"]);
-    wrong(&[("truth", "{ E = 9.3 }")], &[], "embedded", &["case/case.toml:1: truth: no parameter E; they are E_m, nu"]);
-    wrong(&[("units", "{ F = \"N\" }")], &[], "embedded", &["units: no column or parameter F; did you mean f?"]);
-    wrong(&[("effects", "[\"adhesion\"]")], &[], "embedded", &["effects: no effect adhesion; there are none"]);
+    wrong(
+        &[("truth", "{ E = 9.3 }")],
+        &[],
+        "embedded",
+        &["case/case.toml:1: truth: no parameter E; they are E_m, nu"],
+    );
+    wrong(
+        &[("units", "{ F = \"N\" }")],
+        &[],
+        "embedded",
+        &["units: no column or parameter F; did you mean f?"],
+    );
+    wrong(
+        &[("effects", "[\"adhesion\"]")],
+        &[],
+        "embedded",
+        &["effects: no effect adhesion; there are none"],
+    );
     wrong(&[("steps", "\"90:95\"")], &[], "embedded", &["the measurement has the steps 0 to 80"]);
-    wrong(&[("noise", "{ g = 1 }")], &[], "embedded", &["case.toml:1: noise: no observable g; did you mean f?"]);
+    wrong(
+        &[("noise", "{ g = 1 }")],
+        &[],
+        "embedded",
+        &["case.toml:1: noise: no observable g; did you mean f?"],
+    );
     let local = |model: &str| format!("[model]\nlocal = \"{model}\"\n");
     for (model, says) in [
         ("true {E_n}", "{E_n} is no column of the samples"),
@@ -198,10 +234,19 @@ fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong
         ("true 'a", "a quote is not closed"),
         ("no-such-script.py", "no such script"),
     ] {
-        let case = format!("name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\nnoise = {{ f = 1 }}\n{}", local(model));
+        let case = format!(
+            "name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\nnoise = {{ f = 1 }}\n{}",
+            local(model)
+        );
         wrong(&[], &[("case/case.toml", &case)], "local", &["case/case.toml:6: model: ", says]);
     }
-    let zero = [("case/obs.txt", "u f\n0 0\n1 -1\n"), ("case/case.toml", "name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\n[model]\nembedded = \"gl-contact\"\n")];
+    let zero = [
+        ("case/obs.txt", "u f\n0 0\n1 -1\n"),
+        (
+            "case/case.toml",
+            "name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\n[model]\nembedded = \"gl-contact\"\n",
+        ),
+    ];
     wrong(&[], &zero, "embedded", &["cannot be a scale"]);
 }
 
@@ -209,7 +254,9 @@ fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong
 fn the_check_says_how_many_runs_there_will_be_and_how_long_they_take() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
-    let check = |given: &str| finish(driver(&folder, "gl-check").args(["case", "--out", "out", "--verdict", "said.txt", given]));
+    let check = |given: &str| {
+        finish(driver(&folder, "gl-check").args(["case", "--out", "out", "--verdict", "said.txt", given]))
+    };
     check("num=7");
     let verdict = |code: &str| {
         let codes = folder.texts("said.txt", "code");
@@ -229,7 +276,8 @@ fn a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     // What calibration does not see is measured apart.
     copy_case(&folder, "contact-effects", &[("steps", "\"0:60\"")]);
     let params = folder.read("case/params.txt");
-    let params = params.replace("E_m\t8.5\t10", "E_m\t7\t11").replace("mu\t0.1\t0.8\tlinear", "mu\t0.01\t2\tlog");
+    let params =
+        params.replace("E_m\t8.5\t10", "E_m\t7\t11").replace("mu\t0.1\t0.8\tlinear", "mu\t0.01\t2\tlog");
     folder.write("case/params.txt", params);
     finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
     assert_eq!(folder.texts("made/attribution.txt", "hypothesis")[0], "adhesion");
@@ -237,7 +285,8 @@ fn a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     let place = folder.texts("made/design/params.txt", "name").iter().position(|name| name == "E_m").unwrap();
     let bound = |name: &str| folder.column("made/design/params.txt", name)[place];
     assert!(4.0 / (bound("upper") - bound("lower")) >= 2.0);
-    let all = folder.texts("made/shrink-unseen.txt", "observable").iter().position(|name| name == "all").unwrap();
+    let all =
+        folder.texts("made/shrink-unseen.txt", "observable").iter().position(|name| name == "all").unwrap();
     assert!(folder.column("made/shrink-unseen.txt", "shrink")[all] > 0.5);
 }
 
@@ -275,8 +324,11 @@ fn a_diagnosis_goes_on_where_it_was() {
     diagnose();
     let (first, before) = (folder.read("made/attribution.txt"), times(&folder, "made"));
     diagnose();
-    assert_eq!(before, times(&folder, "made"), "what is done is not done again");
-    for file in before.keys().filter(|file| file.ends_with("attribution.txt") || file.ends_with("design/ensemble.txt")) {
+    assert!(before == times(&folder, "made"), "what is done is not done again");
+    for file in before
+        .keys()
+        .filter(|file| file.ends_with("attribution.txt") || file.ends_with("design/ensemble.txt"))
+    {
         fs::remove_file(folder.path("").join(file)).unwrap();
     }
     diagnose();
@@ -314,9 +366,13 @@ fn every_form_of_the_tables_gives_the_same_bytes() {
         assert_eq!(folder.read(&format!("{made}/winner.txt")), "adhesion\n", "{form}");
         assert!(rows(&folder, &format!("{made}/shrink.txt")) > 0, "{form}");
         let mut found = tables(&folder, &fit);
-        found.extend(tables(&folder, &made).into_iter().map(|(file, bytes)| (Path::new("made").join(file), bytes)));
+        found.extend(
+            tables(&folder, &made).into_iter().map(|(file, bytes)| (Path::new("made").join(file), bytes)),
+        );
         // The pages of a report name the folder that they are of.
-        found.retain(|file, _| !matches!(file.extension().and_then(|ending| ending.to_str()), Some("md" | "html")));
+        found.retain(|file, _| {
+            !matches!(file.extension().and_then(|ending| ending.to_str()), Some("md" | "html"))
+        });
         let expected = first.get_or_insert_with(|| found.clone());
         assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>(), "{form}");
         for (file, bytes) in expected {
@@ -332,7 +388,8 @@ fn an_installed_tree_works_in_an_empty_folder() {
     let prefix = folder.path("usr");
     let output = make(&folder, &["-s", "install", &format!("PREFIX={}", prefix.display())]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let tools: Vec<PathBuf> = fs::read_dir(prefix.join("bin")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let tools: Vec<PathBuf> =
+        fs::read_dir(prefix.join("bin")).unwrap().map(|entry| entry.unwrap().path()).collect();
     for tool in ["gl-init", "gl-check", "gl-calibrate", "gl-iterate", "gl-diagnose", "gl-run", "gl-box"] {
         assert!(tools.contains(&prefix.join("bin").join(tool)), "{tool}");
     }
@@ -367,8 +424,9 @@ fn make_iteration_goes_from_runs_to_the_next_samples() {
     folder.run("gl-contact -s samples.txt runs");
     let path = |name: &str| folder.path(name).display().to_string();
     let iterate = |samples: &str, number: &str| {
-        let [case, samples, runs, out] = [("CASE", "case"), ("SAMPLES", samples), ("RUNS", "runs"), ("OUT", "fit")]
-            .map(|(key, name)| format!("{key}={}", path(name)));
+        let [case, samples, runs, out] =
+            [("CASE", "case"), ("SAMPLES", samples), ("RUNS", "runs"), ("OUT", "fit")]
+                .map(|(key, name)| format!("{key}={}", path(name)));
         make(&folder, &["iteration", &case, &samples, &runs, &out, &format!("ITERATION={number}")])
     };
     // To go on is no error here.
@@ -391,10 +449,27 @@ fn a_box_is_made_narrower_and_wider_by_hand() {
     assert_eq!(folder.stdout("gl-box narrow -p params.txt weights.txt"), "name\tlower\tupper\na\t3.5\t6.5\n");
     folder.run("gl-box narrow -p params.txt weights.txt -o box.txt");
     folder.write("posterior.txt", "hypothesis parameter lean\nnone a -1\n");
-    assert_eq!(folder.stdout("gl-box widen -p params.txt --box box.txt posterior.txt"), "name\tlower\tupper\na\t0.5\t6.5\n");
+    assert_eq!(
+        folder.stdout("gl-box widen -p params.txt --box box.txt posterior.txt"),
+        "name\tlower\tupper\na\t0.5\t6.5\n"
+    );
     folder.write("posterior.txt", "hypothesis parameter lean\nnone a 0\n");
     let output = folder.call("gl-box widen -p params.txt --box box.txt posterior.txt", "");
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(text(&output.stdout), folder.read("box.txt"));
     folder.refuses("gl-box narrow -p params.txt box.txt", &["box.txt:1: no column sample"]);
+}
+
+/// The first column of the table of settings, and all of it.
+#[test]
+fn the_page_on_calibration_names_the_settings_that_there_are() {
+    let page = fs::read_to_string(root().join("docs/calibration.md")).unwrap();
+    let cells = page.lines().filter_map(|line| line.strip_prefix("| `")?.split(" |").next());
+    let mut named: Vec<&str> =
+        cells.flat_map(|cell| cell.split(['`', ',', ' '])).filter(|name| !name.is_empty()).collect();
+    named.sort_unstable();
+    named.dedup();
+    let mut known = gl_case::Case::settings();
+    known.sort_unstable();
+    assert_eq!(named, known);
 }

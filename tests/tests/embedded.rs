@@ -36,7 +36,15 @@ fn every_run_of_a_switch_design_is_collected() {
         simulate.args(words).arg("-s").arg(&samples).arg(&runs).assert().success().stdout("");
         let ensemble = dir.path().join("ensemble.tsv");
         tool("gl-collect")
-            .args(["--max-failed", "0", "-c", &case.tests[0].control.measured, "-v", &case.tests[0].observable_names().join(","), "-s"])
+            .args([
+                "--max-failed",
+                "0",
+                "-c",
+                &case.tests[0].control.measured,
+                "-v",
+                &case.tests[0].observable_names().join(","),
+                "-s",
+            ])
             .arg(&samples)
             .arg("-b")
             .arg(example(name).join("obs.txt"))

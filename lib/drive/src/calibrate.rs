@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl_inference::prior::Prior;
 
 use crate::arguments::Request;
 use crate::check;
 use crate::columns::runs_an_iteration;
-use crate::step::{Call, Messages, Runner, copy, join, show};
+use crate::step::{Call, Runner, copy, join, show};
 use crate::{Progress, words};
 use iteration::{Iteration, Setting};
 
@@ -51,11 +50,10 @@ pub fn from_one(text: &str) -> Result<usize> {
 pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
-    check::check(&case, engine, model)?;
     let out = request.folder("")?;
+    let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
-    let prior = Prior::read(&case.params())?;
     let setting = Setting {
         case: &case,
         test: &case.tests[0],
@@ -85,8 +83,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         show(&folder.join("stop.log"), 0);
     } else {
         let call = Call::new("gl-check-stop").option("--max-iterations", Some(most));
-        let call = call.option("--iteration", Some(last)).flag("-o", "/dev/null");
-        runner.call(&call.arg(folder.join("summary.txt")), Messages::Shown)?;
+        runner.ask(&call.option("--iteration", Some(last)).arg(folder.join("summary.txt")))?;
     }
     finish(&out, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;

@@ -1,5 +1,7 @@
 //! Whether a case can be run, asked before the first run: its tables, the names in it, its model, the engine.
 
+use std::path::Path;
+
 use anyhow::{Context, Result, bail};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
@@ -7,10 +9,11 @@ use gl_engine::model::{Model, find_program};
 use gl_inference::misfit::{Covariance, Scale};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
+use gl_inference::samples::sample_names;
 use gl_table::verdict::Verdicts;
 
 use crate::arguments::Request;
-use crate::forecast::{Plan, forecast};
+use crate::forecast::Plan;
 
 /// Check a case, and say what a calibration and a diagnosis of it would take.
 ///
@@ -19,10 +22,8 @@ use crate::forecast::{Plan, forecast};
 pub fn check_case(request: &Request) -> Result<Verdicts> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
-    check(&case, engine, model)?;
-    let prior = Prior::read(&case.params())?;
+    let (prior, observations) = check(&case, engine, model)?;
     let test = &case.tests[0];
-    let observations = Observations::read(&test.obs, &test.control.measured, &test.observable_names())?;
     let plan = Plan { case: &case, prior: &prior, observations: &observations };
     let mut verdicts = Verdicts::default();
     verdicts.add(
@@ -39,7 +40,12 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
         ),
     );
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
-    forecast(&plan, &request.folder("")?, &request.folder("-diagnosis")?, &mut verdicts)?;
+    let out = request.folder("")?;
+    plan.forecast(&out, &request.folder("-diagnosis")?, &mut verdicts)?;
+    let runs = if prior.effects().is_empty() { plan.calibration() } else { plan.diagnosis() };
+    let (needed, free) = plan.room(runs, &out)?;
+    let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");
+    verdicts.add("megabytes", needed, text);
     Ok(verdicts)
 }
 
@@ -48,17 +54,34 @@ pub(crate) fn counted(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
-/// Check all of a case that runs depend on.
+/// Check all of a case that runs depend on, for a driver: the parameters.
 ///
 /// # Errors
-/// With all that is wrong, a line each.
-pub(crate) fn check(case: &Case, engine: Engine, model: &str) -> Result<()> {
+/// With all that is wrong, a line each; or if the disk has no room for the runs that the plan says.
+pub(crate) fn ready(
+    case: &Case,
+    (engine, model): (Engine, &str),
+    out: &Path,
+    runs: fn(&Plan<'_>) -> usize,
+) -> Result<Prior> {
+    let (prior, observations) = check(case, engine, model)?;
+    let plan = Plan { case, prior: &prior, observations: &observations };
+    plan.room(runs(&plan), out)?;
+    Ok(prior)
+}
+
+/// Check all of a case that runs depend on: the parameters and the measurement.
+fn check(case: &Case, engine: Engine, model: &str) -> Result<(Prior, Observations)> {
     let mut problems = Problems::default();
-    let prior = tables(case, &mut problems);
-    if let Some(prior) = &prior {
+    let tables = tables(case, &mut problems);
+    if let (Some(prior), _) = &tables {
         problems.note(check_model(case, engine, model, prior));
     }
-    problems.finish()
+    problems.finish()?;
+    match tables {
+        (Some(prior), Some(observations)) => Ok((prior, observations)),
+        _ => bail!("{}: no tables", case.folder.display()),
+    }
 }
 
 /// Check the tables of a case and the names in it, for runs that are made elsewhere.
@@ -85,18 +108,19 @@ impl Problems {
     }
 }
 
-fn tables(case: &Case, problems: &mut Problems) -> Option<Prior> {
+fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Option<Observations>) {
     let prior = problems.note(Prior::read(&case.params()));
+    let mut observations = None;
     for test in &case.tests {
-        problems.note(check_test(test));
+        observations = problems.note(check_test(test));
     }
     problems.note(check_names(case, prior.as_ref()));
-    problems.note(gl_inference::samples::sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
-    prior
+    problems.note(sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
+    (prior, observations)
 }
 
 /// The measurement: that it has the columns, and that runs can be weighed against it.
-fn check_test(test: &Test) -> Result<()> {
+fn check_test(test: &Test) -> Result<Observations> {
     let observations = Observations::read(&test.obs, &test.control.measured, &test.observable_names())?;
     let noise = observations.noise(&ByName(test.noise.clone()))?;
     if let Some(steps) = &test.steps {
@@ -111,7 +135,7 @@ fn check_test(test: &Test) -> Result<()> {
         };
         Covariance::scaled(&observations, scale, &ByName(test.weights.clone()))?;
     }
-    Ok(())
+    Ok(observations)
 }
 
 fn place(case: &Case, setting: &str) -> String {

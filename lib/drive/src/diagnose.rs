@@ -37,8 +37,8 @@ pub(crate) struct Diagnosis<'a> {
 pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
-    check::check(&case, engine, model)?;
     let out = request.folder("-diagnosis")?;
+    check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let diagnosis =

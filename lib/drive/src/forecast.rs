@@ -33,90 +33,90 @@ struct Measured {
     bytes: u64,
 }
 
-/// How many runs it will be, how long they take by those that are there, and whether the disk has room.
-///
-/// # Errors
-/// If the disk has no room.
-pub(crate) fn forecast(plan: &Plan<'_>, out: &Path, diagnosis: &Path, verdicts: &mut Verdicts) -> Result<()> {
-    let case = plan.case;
-    let num = runs_an_iteration(case, plan.prior);
-    let most = num * case.iterations;
-    verdicts.add(
-        "runs",
-        most,
-        format!(
-            "a calibration takes {} an iteration, {} at the most: {} at the most",
-            counted(num, "run"),
-            counted(case.iterations, "iteration"),
-            counted(most, "run")
-        ),
-    );
-    let mut all = most;
-    if !plan.prior.effects().is_empty() {
-        let design = runs_of_design(case, plan.prior);
-        all = 2 * most + design;
-        verdicts.add(
-            "runs-diagnosis",
-            all,
-            format!(
-                "a diagnosis takes {design} more for its design and a second calibration: {all} at the most"
-            ),
-        );
+impl Plan<'_> {
+    /// Runs of a calibration at the most.
+    pub(crate) fn calibration(&self) -> usize {
+        runs_an_iteration(self.case, self.prior) * self.case.iterations
     }
-    let measured = measured(out)?.or(measured(&diagnosis.join("base"))?);
-    if let Some(measured) = measured {
-        let each = measured.seconds / f64::from(measured.runs);
-        let of_all =
-            if all == most { String::new() } else { format!(", {} for {all}", duration(each * all as f64)) };
-        verdicts.add(
-            "seconds-a-run",
-            gl_table::rounded(each, 3),
-            format!(
-                "by the {} that are there: {} each, with those beside it; {} for {most}{of_all}",
-                counted(measured.runs as usize, "run"),
-                duration(each),
-                duration(each * most as f64)
-            ),
-        );
-    }
-    disk(plan, all, measured, out, verdicts)
-}
 
-/// Whether the disk has room for the runs.
-fn disk(
-    plan: &Plan<'_>,
-    runs: usize,
-    measured: Option<Measured>,
-    out: &Path,
-    verdicts: &mut Verdicts,
-) -> Result<()> {
-    let readings = (plan.observations.steps() * (1 + plan.observations.names.len())) as u64;
-    // In its own file, in the ensemble, and in what is drawn from it.
-    let guessed = FILES + 4 * NUMBER * readings;
-    let each = measured.map_or(guessed, |measured| {
-        (measured.bytes / u64::from(measured.runs)).max(FILES) + 3 * NUMBER * readings
-    });
-    let needed = each * runs as u64;
-    let folder = std::path::absolute(out)?;
-    let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
-    let disk = rustix::fs::statvfs(folder).with_context(|| folder.display().to_string())?;
-    let free = disk.f_bavail * disk.f_frsize;
-    let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
-    if needed > free {
-        bail!(
-            "{}: {} MB are free, but {} take about {} MB; give another --out",
-            folder.display(),
-            megabytes(free),
-            counted(runs, "run"),
-            megabytes(needed)
-        );
+    /// Runs of a diagnosis at the most: two calibrations and the design.
+    pub(crate) fn diagnosis(&self) -> usize {
+        2 * self.calibration() + runs_of_design(self.case, self.prior)
     }
-    verdicts.add(
-        "megabytes",
-        megabytes(needed),
-        format!("they take about {} MB on a disk that has {} MB free", megabytes(needed), megabytes(free)),
-    );
-    Ok(())
+
+    /// How many runs it will be, and how long they take by those that are there.
+    ///
+    /// # Errors
+    /// If a folder of results cannot be read.
+    pub(crate) fn forecast(&self, out: &Path, diagnosis: &Path, verdicts: &mut Verdicts) -> Result<()> {
+        let num = runs_an_iteration(self.case, self.prior);
+        let (most, all) = (self.calibration(), self.diagnosis());
+        verdicts.add(
+            "runs",
+            most,
+            format!(
+                "a calibration takes {} an iteration, {} at the most: {} at the most",
+                counted(num, "run"),
+                counted(self.case.iterations, "iteration"),
+                counted(most, "run")
+            ),
+        );
+        let has_effects = !self.prior.effects().is_empty();
+        if has_effects {
+            let design = runs_of_design(self.case, self.prior);
+            let text =
+                format!("a diagnosis takes two calibrations and {design} runs more: {all} at the most");
+            verdicts.add("runs-diagnosis", all, text);
+        }
+        if let Some(measured) = measured(out)?.or(measured(&diagnosis.join("base"))?) {
+            let each = measured.seconds / f64::from(measured.runs);
+            let of_all = if has_effects {
+                format!(", {} for {all}", duration(each * all as f64))
+            } else {
+                String::new()
+            };
+            verdicts.add(
+                "seconds-a-run",
+                gl_table::rounded(each, 3),
+                format!(
+                    "by the {} that are there: {} each, with those beside it; {} for {most}{of_all}",
+                    counted(measured.runs as usize, "run"),
+                    duration(each),
+                    duration(each * most as f64)
+                ),
+            );
+        }
+        Ok(())
+    }
+
+    /// Whether the disk has room for so many runs: megabytes that they take, and that are free.
+    ///
+    /// # Errors
+    /// If it has not.
+    pub(crate) fn room(&self, runs: usize, out: &Path) -> Result<(u64, u64)> {
+        let readings = (self.observations.steps() * (1 + self.observations.names.len())) as u64;
+        // In its own file, in the ensemble, and in what is made of it.
+        let guessed = FILES + 4 * NUMBER * readings;
+        let each = measured(out)?.map_or(guessed, |measured| {
+            (measured.bytes / u64::from(measured.runs)).max(FILES) + 3 * NUMBER * readings
+        });
+        let needed = each * runs as u64;
+        let folder = std::path::absolute(out)?;
+        let folder = folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/"));
+        let disk = rustix::fs::statvfs(folder).with_context(|| folder.display().to_string())?;
+        let free = disk.f_bavail * disk.f_frsize;
+        let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
+        if needed > free {
+            bail!(
+                "{}: {} MB are free, but {} take about {} MB; give another --out",
+                folder.display(),
+                megabytes(free),
+                counted(runs, "run"),
+                megabytes(needed)
+            );
+        }
+        Ok((megabytes(needed), megabytes(free)))
+    }
 }
 
 /// What the complete iterations of a calibration took, if there are any.

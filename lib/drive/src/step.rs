@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use gl_table::{Sink, Table, TableWriter};
 
 /// Tools that write their conclusions as a table.
-const WITH_VERDICT: [&str; 0] = [];
+const WITH_VERDICT: [&str; 1] = ["gl-check-stop"];
 
 /// A call of one of the tools.
 #[derive(Clone, Debug)]
@@ -106,6 +106,13 @@ impl Runner {
         let mut command = Command::new(gl_cli::sibling(call.tool));
         command.args(&call.arguments);
         self.spawn(command, call.tool, messages)
+    }
+
+    /// Call a tool for what it says, and for nothing that stays.
+    pub(crate) fn ask(&self, call: &Call) -> Result<()> {
+        let mut command = Command::new(gl_cli::sibling(call.tool));
+        command.args(&call.arguments).stdout(Stdio::null());
+        self.spawn(command, call.tool, Messages::Shown).map(|_| ())
     }
 
     /// [`Runner::call`] for a tool that has only one good end.

@@ -26,6 +26,8 @@ pub struct Call {
     pub limit: Limit,
     /// Whether runs are packed.
     pub packed: bool,
+    /// Where the runs have their scratch folders, which must be there; in `dir` if absent.
+    pub scratch: Option<PathBuf>,
 }
 
 /// A call that can be run: everything is checked, and the folder of the runs is there.
@@ -45,16 +47,23 @@ impl Call {
     /// # Errors
     /// If the table or a cell in it is no good, the model cannot run, or the folder cannot be made.
     pub fn check(&self) -> Result<Batch> {
-        let case = self.case()?;
+        let case = folder_at(&self.case).context("CASE")?;
         let table = BatchTable::read(&self.samples)?;
         let model = Model::check(&self.model, &table, &case)?;
+        let scratch = self.scratch.as_deref().map(folder_at).transpose()?;
         let gl_run = env::current_exe().context("where this program is cannot be found out")?;
-        let folder = RunFolder::create(&self.dir)?;
+        let dir = std::path::absolute(&self.dir).with_context(|| self.dir.display().to_string())?;
+        ensure!(
+            !matches!(model, Model::Yade(_)) || env::join_paths([&dir]).is_ok(),
+            "{}: the path has a colon, with which Python finds no gl_yade there; use another name",
+            dir.display()
+        );
+        let folder = RunFolder::create(&dir)?;
         let job = Job {
             model,
             case,
             dir: folder.dir().to_owned(),
-            scratch: None,
+            scratch,
             limit: self.limit.0,
             packed: self.packed,
             threads: 1,
@@ -62,14 +71,12 @@ impl Call {
         };
         Ok(Batch { table, job, folder })
     }
+}
 
-    /// The folder of the case, absolute.
-    fn case(&self) -> Result<PathBuf> {
-        let case = fs::canonicalize(&self.case)
-            .with_context(|| format!("CASE {}: no such folder", self.case.display()))?;
-        ensure!(case.is_dir(), "CASE {}: is no folder", self.case.display());
-        Ok(case)
-    }
+/// The absolute path of a folder that is there.
+fn folder_at(path: &Path) -> Result<PathBuf> {
+    ensure!(path.is_dir(), "{}: no such folder", path.display());
+    fs::canonicalize(path).with_context(|| path.display().to_string())
 }
 
 impl Batch {

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::num::NonZeroUsize;
 use std::os::unix::process::CommandExt;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -14,7 +14,7 @@ use gl_progress::{Stage, stage};
 use crate::Say;
 use crate::call::Batch;
 use crate::complete::missing;
-use crate::process::reap;
+use crate::process::{DISK_UNUSABLE, reap};
 use crate::report::{Report, report};
 
 /// Run the rows whose run is not complete, `jobs` at a time. When this process dies, so do the runs.
@@ -41,16 +41,19 @@ fn run_all(batch: &Batch, rows: &[usize], jobs: usize, say: Say) {
     let at_once = if batch.job.packed { rows.len() / (4 * jobs) + 1 } else { 1 };
     let stage = stage("runs", rows.len());
     let queue = Mutex::new(rows.chunks(at_once));
-    // Where the disk is full or the like, the rows to come would be lost as well.
-    let is_hopeless = AtomicBool::new(false);
+    // Where the disk is full, hours of the runs to come would be lost as well.
+    let is_over = AtomicBool::new(false);
     let work = || {
-        while !is_hopeless.load(Ordering::Relaxed) {
+        while !is_over.load(Ordering::Relaxed) {
             let Some(rows) = queue.lock().unwrap_or_else(PoisonError::into_inner).next() else { return };
             match run_process(batch, rows, &stage) {
-                Ok(true) => {}
-                Ok(false) => is_hopeless.store(true, Ordering::Relaxed),
+                Ok(status) if status.code() == Some(DISK_UNUSABLE.into()) => {
+                    is_over.store(true, Ordering::Relaxed);
+                }
+                // Those of its rows that it did not come to are told of at the end.
+                Ok(_) => {}
                 Err(error) => {
-                    is_hopeless.store(true, Ordering::Relaxed);
+                    is_over.store(true, Ordering::Relaxed);
                     say(&format!("{error:#}"));
                 }
             }
@@ -64,8 +67,8 @@ fn run_all(batch: &Batch, rows: &[usize], jobs: usize, say: Say) {
     });
 }
 
-/// Run rows in a process of their own. False if they could not all be tried, of which it has told.
-fn run_process(batch: &Batch, rows: &[usize], stage: &Stage<'_>) -> Result<bool> {
+/// Run rows in a process of their own, which tells a user itself why it could not try all of them.
+fn run_process(batch: &Batch, rows: &[usize], stage: &Stage<'_>) -> Result<ExitStatus> {
     let mut child = Command::new(&batch.job.gl_run)
         .arg("row")
         .arg(batch.folder.work())
@@ -85,5 +88,5 @@ fn run_process(batch: &Batch, rows: &[usize], stage: &Stage<'_>) -> Result<bool>
             stage.advance();
         }
     }
-    Ok(reap(child)?.success())
+    Ok(reap(child)?)
 }

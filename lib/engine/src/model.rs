@@ -76,6 +76,16 @@ impl Model {
     }
 }
 
+/// The words of a command that is called once for a whole table: only `{case}` is filled in.
+///
+/// # Errors
+/// If a quote is not closed.
+pub fn command_words(text: &str, case: &Path) -> Result<Vec<String>> {
+    let folder = case.display().to_string();
+    let values = HashMap::from([("case", folder.as_str())]);
+    Ok(split_words(text)?.iter().map(|word| replace(word, &values)).collect())
+}
+
 /// The words of a line: blanks part them, single and double quotes group, a backslash outside quotes takes
 /// the next character as it is. Nothing is expanded.
 ///

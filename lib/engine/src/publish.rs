@@ -143,3 +143,69 @@ fn bring(from: &Path, to: &Path) -> Result<()> {
 fn put(from: &Path, to: &Path) -> Result<()> {
     fs::rename(from, to).with_context(|| format!("{}: cannot be written", to.display()))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    /// A folder of runs with its `.run`, and a scratch folder elsewhere.
+    fn folders() -> (TempDir, TempDir) {
+        let (dir, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        fs::create_dir(dir.path().join(".run")).unwrap();
+        (dir, scratch)
+    }
+
+    fn names(dir: &Path) -> Vec<String> {
+        let entries = fs::read_dir(dir).unwrap();
+        let mut names: Vec<_> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_a_run_left_is_published_and_its_links_are_followed() {
+        let (dir, scratch) = folders();
+        for name in ["r_sim.txt", "r_param.txt", "r.log", "r.status", "other", "grains"] {
+            fs::write(scratch.path().join(name), name).unwrap();
+        }
+        fs::create_dir(scratch.path().join("r_folder")).unwrap();
+        symlink(scratch.path().join("grains"), scratch.path().join("r_grains")).unwrap();
+        symlink("/nowhere", scratch.path().join("r_lost")).unwrap();
+        publish(scratch.path(), dir.path(), "r", "0").unwrap();
+        drop(scratch);
+        assert_eq!(names(dir.path()), [".run", "r.status", "r_grains", "r_param.txt", "r_sim.txt"]);
+        assert_eq!(fs::read_to_string(dir.path().join("r.status")).unwrap(), "0\n");
+        assert_eq!(fs::read_to_string(dir.path().join("r_grains")).unwrap(), "grains");
+        assert_eq!(names(&dir.path().join(".run")), [""; 0]);
+    }
+
+    #[test]
+    fn a_run_that_cannot_be_published_has_no_simulation() {
+        let (dir, scratch) = folders();
+        fs::write(scratch.path().join("r_sim.txt"), "u\n1\n").unwrap();
+        fs::write(scratch.path().join("r_param.txt"), "a\n1\n").unwrap();
+        // A folder stands in the way.
+        fs::create_dir(dir.path().join("r_param.txt")).unwrap();
+        assert!(publish(scratch.path(), dir.path(), "r", "0").is_err());
+        assert!(!dir.path().join("r_sim.txt").exists());
+    }
+
+    #[test]
+    fn packed_runs_stand_one_behind_the_other() {
+        let (dir, scratch) = folders();
+        let mut packer = Packer::new(dir.path());
+        for name in ["a", "b"] {
+            fs::write(scratch.path().join(format!("{name}_param.txt")), "x\n1\n").unwrap();
+            fs::write(scratch.path().join(format!("{name}_sim.txt")), "u\n1\n").unwrap();
+            packer.add(scratch.path(), name).unwrap();
+        }
+        assert!(packer.add(scratch.path(), "c").is_err());
+        assert_eq!(names(dir.path()), [".run", "a_packed.txt"]);
+        let run =
+            |name: &str| format!("# file {name}_param.txt 4\nx\n1\n\n# file {name}_sim.txt 4\nu\n1\n\n");
+        assert_eq!(fs::read_to_string(dir.path().join("a_packed.txt")).unwrap(), run("a") + &run("b"));
+    }
+}

@@ -123,3 +123,57 @@ impl Log {
         (!end.is_empty()).then(|| Self { path: path.to_owned(), end })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with runs a (complete), b (failed), c (not tried).
+    fn runs() -> (BatchTable, tempfile::TempDir) {
+        let table = BatchTable::parse("s", b"description x\na 1\nb 2\nc 3\n".to_vec()).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+        write("a_sim.txt", "u f\n0 1\n");
+        write("a_param.txt", "x\n1\n");
+        write("b.status", "3\n");
+        write("b.log", "one\n\x1b[31mtwo\n\n");
+        (table, dir)
+    }
+
+    #[test]
+    fn rows_are_complete_before_run_failed_or_not_tried() {
+        let (table, dir) = runs();
+        let told = report(&table, dir.path(), &[0, 1, 2]).unwrap();
+        assert_eq!((told.before, told.run, told.untried.len()), (0, 1, 1));
+        assert!(!told.all_were_tried());
+        assert_eq!(
+            told.messages(),
+            [
+                "3 rows: 0 complete before, 1 run, 1 failed: b (3)",
+                "1 rows were not tried; call again to go on"
+            ]
+        );
+        let told = report(&table, dir.path(), &[1]).unwrap();
+        assert_eq!(told.messages(), ["3 rows: 2 complete before, 0 run, 1 failed: b (3)"]);
+        assert!(report(&table, dir.path(), &[]).unwrap().all_were_tried());
+    }
+
+    #[test]
+    fn where_no_run_is_complete_the_first_log_is_shown() {
+        let (table, dir) = runs();
+        fs::remove_file(dir.path().join("a_sim.txt")).unwrap();
+        fs::write(dir.path().join("a.status"), "127\n").unwrap();
+        let told = report(&table, dir.path(), &[0, 1, 2]).unwrap();
+        let log = format!("no run is complete; {} ends with:", dir.path().join("b.log").display());
+        assert_eq!(told.messages()[1..4], [log.as_str(), "    one", "    [31mtwo"]);
+    }
+
+    #[test]
+    fn five_failed_runs_are_named() {
+        let names = |count: usize| (0..count).map(|i| (format!("r{i}"), "1".to_owned())).collect();
+        let report = Report { rows: 9, failed: names(6), ..Report::default() };
+        assert!(report.messages()[0].ends_with("6 failed: r0 (1) r1 (1) r2 (1) r3 (1) r4 (1) …"));
+        let report = Report { failed: names(5), ..report };
+        assert!(report.messages()[0].ends_with("5 failed: r0 (1) r1 (1) r2 (1) r3 (1) r4 (1)"));
+    }
+}

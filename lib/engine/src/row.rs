@@ -171,7 +171,9 @@ impl Run<'_> {
             Model::Yade(script) => {
                 // A table of its own, since Yade reads all rows; a relative path, since Yade splits it at a
                 // colon.
-                folder::write(&scratch.join("samples.txt"), table.select(&[*row]).text().as_bytes())?;
+                let own = scratch.join("samples.txt");
+                fs::write(&own, table.select(&[*row]).text())
+                    .with_context(|| format!("{}: cannot be written", own.display()))?;
                 let threads = table.threads(*row).map_or_else(|| job.threads.to_string(), str::to_owned);
                 command.args(["yade", "-n", "-x", "-j", &threads]).arg(script);
                 command.env("YADE_BATCH", "samples.txt:2");
@@ -183,10 +185,12 @@ impl Run<'_> {
         if let Some(threads) = table.threads(*row) {
             command.env("OMP_NUM_THREADS", threads);
         }
-        let folders = [job.work()].into_iter();
         let given = env::var_os("PYTHONPATH").filter(|path| !path.is_empty());
-        let folders = folders.chain(given.iter().flat_map(env::split_paths));
-        command.env("PYTHONPATH", env::join_paths(folders).context("DIR: its path cannot be on PYTHONPATH")?);
+        let folders = [job.work()].into_iter().chain(given.iter().flat_map(env::split_paths));
+        // A path with a colon cannot be in it; Call::check has refused that for Yade scripts.
+        if let Ok(path) = env::join_paths(folders) {
+            command.env("PYTHONPATH", path);
+        }
         command.env("PATH", path_with_own()).env("CASE", &job.case).current_dir(scratch);
         Ok(command)
     }
@@ -200,7 +204,8 @@ impl Run<'_> {
         }
         let parameters = file(scratch, self.name, "_param.txt");
         if !parameters.exists() {
-            folder::write(&parameters, self.parameters().as_bytes())?;
+            fs::write(&parameters, self.parameters())
+                .with_context(|| format!("{}: cannot be written", parameters.display()))?;
         }
         let own = self.table.select(&[self.row]);
         let status = completeness_in(own.samples(), scratch, Vec::new())?;

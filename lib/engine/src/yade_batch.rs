@@ -5,8 +5,11 @@ use std::num::NonZeroUsize;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
+use gl_progress::stage;
 
 use crate::Say;
 use crate::call::Batch;
@@ -14,6 +17,9 @@ use crate::complete::missing;
 use crate::folder;
 use crate::model::{Model, find_program, path_with_own};
 use crate::report::{Report, report};
+
+/// How often the statuses of the runs are looked at.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// What yade-batch takes for Yade: it is called with Yade's arguments, and finds its row by `YADE_BATCH`.
 const YADE: &str = "#!/bin/sh\nexec \"$GL_RUN\" batch-row\n";
@@ -42,19 +48,20 @@ pub fn run(batch: &mut Batch, threads: NonZeroUsize, say: Say) -> Result<Report>
         folder::write(&work.join("yade"), YADE.as_bytes())?;
         fs::set_permissions(work.join("yade"), Permissions::from_mode(0o755))
             .context("yade cannot be made a program")?;
-        run_batch(batch, threads)?;
+        run_batch(batch, &rows, threads)?;
     }
     let report = report(&batch.table, batch.folder.dir(), &rows)?;
     batch.folder.end()?;
     Ok(report)
 }
 
-fn run_batch(batch: &Batch, threads: NonZeroUsize) -> Result<()> {
+fn run_batch(batch: &Batch, rows: &[usize], threads: NonZeroUsize) -> Result<()> {
+    let stage = stage("runs", rows.len());
     let log = batch.folder.dir().join("yade-batch.log");
     let log = File::create(&log).with_context(|| format!("{}: cannot be written", log.display()))?;
     let errors = log.try_clone().context("yade-batch.log cannot be written")?;
     // It ends yade-batch, and the rows that this has started, when this process is gone.
-    Command::new(&batch.job.gl_run)
+    let mut child = Command::new(&batch.job.gl_run)
         .arg("guard")
         .arg(std::process::id().to_string())
         .arg("yade-batch")
@@ -67,7 +74,22 @@ fn run_batch(batch: &Batch, threads: NonZeroUsize) -> Result<()> {
         .stdin(Stdio::null())
         .stdout(log)
         .stderr(errors)
-        .status()
+        .spawn()
         .context("yade-batch cannot be started")?;
-    Ok(())
+    let mut left = rows.to_vec();
+    loop {
+        let is_over = child.try_wait().context("yade-batch is lost")?.is_some();
+        // Every run that ends leaves a status.
+        left.retain(|&row| {
+            let has_ended = batch.file(row, ".status").exists();
+            if has_ended {
+                stage.advance();
+            }
+            !has_ended
+        });
+        if is_over {
+            return Ok(());
+        }
+        thread::sleep(LOOK);
+    }
 }

@@ -14,7 +14,7 @@ use anyhow::{Result, bail};
 use rayon::prelude::*;
 
 pub use complete::{RTOL, completeness, completeness_in};
-pub use failure::Failure;
+pub use failure::{Failure, RunStatus};
 use packed::{OpenPacks, Packs};
 
 use crate::ensemble::Ensemble;

@@ -47,7 +47,7 @@ impl Samples {
         for name in &parameters {
             table.format().column(name)?;
             if let Err(problem) = check_parameter_name(name) {
-                bail!("{}:1: {problem}", table.format().source());
+                bail!("{}:1: column {name}: {problem}", table.format().source());
             }
         }
         let mut seen = HashMap::new();
@@ -218,9 +218,7 @@ const RESERVED: [&str; 14] = [
 /// letters, digits, `_`, `-` and `.`.
 pub fn check_parameter_name(name: &str) -> Result<(), String> {
     if RESERVED.contains(&name) || name.starts_with('!') {
-        return Err(format!(
-            "column {name}: a name that tables and models use for themselves; call the parameter otherwise"
-        ));
+        return Err(format!("{name} is a name that tables and models use for themselves; choose another"));
     }
     if !is_word(name) {
         return Err(format!(
@@ -256,7 +254,7 @@ mod tests {
 
     #[test]
     fn names_that_would_be_too_long_are_refused_before_they_are_drawn() {
-        assert!(sample_names(&"a".repeat(184), 0, 10).is_ok());
-        assert!(sample_names(&"a".repeat(186), 0, 10).is_err());
+        assert!(sample_names(&"a".repeat(186), 0, 10).is_ok());
+        assert!(sample_names(&"a".repeat(187), 0, 10).is_err());
     }
 }

@@ -154,12 +154,13 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
         numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
     }
     let mut means = Vec::new();
-    for name in tables[0].1.names_of("mean") {
+    for parameter in &tables[0].1.parameters {
+        let name = &parameter.name;
         let trend = Trend::new(
             &iteration,
             quantities(&format!("mean({name})"))?,
-            parameters.label(&name),
-            &name,
+            parameters.label(name),
+            name,
             color::BLUE,
         )
         .with_band(quantities(&format!("q05({name})"))?, quantities(&format!("q95({name})"))?);
@@ -171,8 +172,7 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
 /// The value of a quantity in the summary at `path`.
 fn quantity((path, summary): &(&PathBuf, Summary), name: &str) -> Result<f64> {
     summary
-        .find_number(name)
-        .with_context(|| path.display().to_string())?
+        .quantity(name)
         .with_context(|| format!("{}: no quantity {name}; is it a summary of gl-filter?", path.display()))
 }
 

@@ -263,7 +263,7 @@ impl Marginals<'_> {
 fn stated(summary: &Summary, name: &str) -> Result<(f64, f64, f64)> {
     let number = |kind: &str| {
         let quantity = format!("{kind}({name})");
-        summary.find_number(&quantity)?.with_context(|| format!("--summary: no quantity {quantity}"))
+        summary.quantity(&quantity).with_context(|| format!("--summary: no quantity {quantity}"))
     };
     Ok((number("mean")?, number("q05")?, number("q95")?))
 }

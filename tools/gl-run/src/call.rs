@@ -35,17 +35,21 @@ pub struct Shared {
     /// [env: PACKED=1]
     #[arg(long)]
     packed: bool,
+    /// Where the runs have their scratch folders, such as a fast disk [env: GL_SCRATCH] [default: in DIR]
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
 }
 
 impl Shared {
-    /// The call, checked; see [`Call::check`].
-    pub fn check(&self) -> Result<Batch> {
-        self.call()?.check()
+    /// The call, checked (see [`Call::check`]), and how many runs at a time.
+    pub fn check(&self) -> Result<(Batch, NonZeroUsize)> {
+        let all = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+        let jobs = self.jobs()?.unwrap_or_else(all);
+        Ok((self.call()?.check()?, jobs))
     }
 
     /// The call, with what the environment says where the options do not.
     pub fn call(&self) -> Result<Call> {
-        let case = self.case.clone().or_else(|| given("CASE").map(PathBuf::from));
         let packed = match given("PACKED").as_deref() {
             _ if self.packed => true,
             None | Some("0") => false,
@@ -56,24 +60,25 @@ impl Shared {
             samples: self.samples.clone(),
             model: self.model.clone(),
             dir: self.dir.clone(),
-            case: case.unwrap_or_else(|| PathBuf::from(".")),
+            case: self.case(),
             limit: self
                 .run_timeout
                 .map_or_else(|| setting("RUN_TIMEOUT"), |limit| Ok(Some(limit)))?
                 .unwrap_or_default(),
             packed,
+            scratch: self.scratch.clone().or_else(|| given("GL_SCRATCH").map(PathBuf::from)),
         })
     }
 
-    /// Runs at a time, where it was said.
-    pub fn given_jobs(&self) -> Result<Option<NonZeroUsize>> {
-        self.jobs.map_or_else(|| setting("JOBS"), |jobs| Ok(Some(jobs)))
+    /// The folder of the case.
+    pub fn case(&self) -> PathBuf {
+        let given = || given("CASE").map(PathBuf::from);
+        self.case.clone().or_else(given).unwrap_or_else(|| PathBuf::from("."))
     }
 
-    /// Runs at a time.
-    pub fn jobs(&self) -> Result<NonZeroUsize> {
-        let all = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-        Ok(self.given_jobs()?.unwrap_or_else(all))
+    /// Runs at a time, where it was said.
+    pub fn jobs(&self) -> Result<Option<NonZeroUsize>> {
+        self.jobs.map_or_else(|| setting("JOBS"), |jobs| Ok(Some(jobs)))
     }
 }
 

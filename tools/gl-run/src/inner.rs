@@ -11,7 +11,7 @@ use clap::Subcommand;
 use gl_engine::batch_table::BatchTable;
 use gl_engine::cluster::run_task;
 use gl_engine::job::Job;
-use gl_engine::process::{Ending, Termination, start, supervise, tie};
+use gl_engine::process::{DISK_UNUSABLE, Ending, Termination, is_disk_unusable, start, supervise, tie};
 use gl_engine::row::{Log, Outcome, run_rows};
 use rustix::process::Signal;
 
@@ -60,7 +60,13 @@ impl Inner {
             }
             Self::Task { work, first } => task(work, *first),
         };
-        code.map_or_else(|error| gl_cli::finish::<()>(NAME, Err(error)), ExitCode::from)
+        code.map_or_else(
+            |error| {
+                gl_cli::note(NAME, format_args!("{error:#}"));
+                ExitCode::from(if is_disk_unusable(&error) { DISK_UNUSABLE } else { 1 })
+            },
+            ExitCode::from,
+        )
     }
 }
 

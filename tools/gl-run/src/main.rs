@@ -34,12 +34,18 @@ Exit code: 0 all rows were tried, failed or not; 1 some were not; 2 the input is
 wrong, nothing ran.
 
 Example:
-  gl-run local samples.txt 'sh -c \"(echo x y; echo 0 $1) >$0_sim.txt\" \\
-    {description} {nu}' runs";
+  gl-run embedded samples.txt gl-contact runs
+  gl-run status samples.txt runs";
+
+const LOCAL: &str = "\
+Example:
+  gl-run local samples.txt \\
+    'python3 {case}/model.py {description} {E_m} {nu}' runs --jobs 4";
 
 #[derive(Subcommand)]
 enum Task {
     /// Run the rows on this machine, several at a time
+    #[command(after_help = LOCAL)]
     Local(Shared),
     /// Run the rows of a Yade script by yade-batch, with its overview at http://localhost:9080
     YadeBatch(Shared),
@@ -70,16 +76,16 @@ fn say(message: &str) {
 fn run(task: &Task) -> Result<bool> {
     let say: Say = &say;
     let report = match task {
-        Task::Local(shared) => local::run(&mut shared.check()?, shared.jobs()?, say)?,
-        Task::YadeBatch(shared) => yade_batch::run(&mut shared.check()?, shared.jobs()?, say)?,
+        Task::Local(shared) => {
+            let (mut batch, jobs) = shared.check()?;
+            local::run(&mut batch, jobs, say)?
+        }
+        Task::YadeBatch(shared) => {
+            let (mut batch, threads) = shared.check()?;
+            yade_batch::run(&mut batch, threads, say)?
+        }
         Task::Embedded(shared) => {
-            return Err(embedded::become_model(
-                &shared.samples,
-                &shared.model,
-                &shared.dir,
-                shared.given_jobs()?,
-                say,
-            ));
+            return Err(embedded::become_model(&shared.call()?, shared.jobs()?, say));
         }
         Task::Slurm(queue) => match queue.run(Engine::Slurm, say)? {
             Some(report) => report,

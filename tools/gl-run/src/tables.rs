@@ -4,8 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl_engine::{batch_table::BatchTable, complete, pack};
-use gl_table::TableWriter;
+use gl_engine::batch_table::BatchTable;
+use gl_engine::folder::RunFolder;
+use gl_engine::{complete, pack};
+use gl_inference::collect::{Failure, RunStatus};
+use gl_table::write_rows;
 
 use crate::say;
 
@@ -25,15 +28,16 @@ impl Status {
     pub fn run(&self) -> Result<bool> {
         let table = BatchTable::read(&self.samples)?;
         let status = complete::status(&table, &self.dir)?;
-        let mut writer = TableWriter::create(self.output.as_deref(), &["sample", "status", "detail"])?;
-        for (name, status) in table.samples().names.iter().zip(&status) {
-            match status {
-                Ok(()) => writer.text(name).text("ok").text(""),
-                Err(failure) => writer.text(name).text(failure.reason()).text(failure.detail()),
-            };
-            writer.end_row()?;
-        }
-        writer.finish()?;
+        let is_held = RunFolder::is_held(&self.dir);
+        let row = |(name, status): (&String, &Result<(), Failure>)| {
+            let mut row = RunStatus::new(name, status);
+            if status.is_err() && complete::is_running(&self.dir, name, is_held) {
+                row = RunStatus { status: "running".to_owned(), detail: String::new(), ..row };
+            }
+            row
+        };
+        let rows: Vec<RunStatus> = table.samples().names.iter().zip(&status).map(row).collect();
+        write_rows(self.output.as_deref(), &rows)?;
         Ok(true)
     }
 }
@@ -46,7 +50,7 @@ pub struct Pack {
 
 impl Pack {
     pub fn run(&self) -> Result<bool> {
-        let packed = pack::pack(&self.dir)?;
+        let packed = pack::pack(&self.dir, &say)?;
         say(&format!("{packed} runs packed"));
         Ok(true)
     }

@@ -12,7 +12,7 @@ use gl_inference::weights::Weights;
 use super::iteration::Setting;
 use crate::columns::{comparison, varied_in};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder};
-use crate::words::quantity;
+use crate::words::known;
 
 /// Rounds at the most; each is drawn where the rounds before say.
 const ROUNDS: usize = 6;
@@ -56,7 +56,7 @@ impl Emulation<'_> {
     fn run(&self) -> Result<(PathBuf, String)> {
         self.gather()?;
         let real = Summary::read(&self.here.join("summary.txt"))?;
-        let noise = quantity(&Summary::read(&self.here.join("posterior.txt"))?, "sigma_noise")?;
+        let noise = known(Summary::read(&self.here.join("posterior.txt"))?.sigma_noise);
         let own = self.here.join("weights.txt");
         let wanted = self.setting.case.emulated / 3;
         let mut weights = own.clone();
@@ -74,12 +74,12 @@ impl Emulation<'_> {
             weights = self.part.join(format!("weights{round}.txt"));
             summary = self.weigh(&drawn, &misfits, wanted, &weights)?;
             // At the lowest sigma that the emulator allows, more are effective than were asked for.
-            if quantity(&summary, "ess_runs")? > 1.001 * wanted as f64 {
+            if known(summary.ess_runs) > 1.001 * wanted as f64 {
                 break;
             }
         }
-        let sigma = quantity(&summary, "sigma")?;
-        if sigma <= 4.0 * quantity(&real, "sigma")? / noise {
+        let sigma = known(summary.sigma);
+        if sigma <= 4.0 * known(real.sigma) / noise {
             return Ok((weights, format!("sigma {sigma}, where the noise is 1")));
         }
         Ok((
