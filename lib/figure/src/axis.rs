@@ -3,6 +3,7 @@
 use gl_inference::prior::{Parameter, Scale};
 
 use crate::font;
+use crate::number::{superscript, written};
 use crate::scene::fitted;
 
 /// Size of tick labels and of legends, in points.
@@ -282,52 +283,6 @@ fn decimals(ticks: &[f64], unit: f64) -> usize {
         .unwrap_or(9) as usize
 }
 
-/// A number with a proper minus sign.
-pub fn written(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(digits) if digits.bytes().all(|byte| matches!(byte, b'0' | b'.')) => digits.to_owned(),
-        Some(digits) => format!("−{digits}"),
-        None => text,
-    }
-}
-
-/// A number to three significant digits, with a power of ten where it is very large or small.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return written(value, 0);
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if (-3..5).contains(&magnitude) {
-        let text = written(value, (2 - magnitude).max(0) as usize);
-        return if text.contains('.') {
-            text.trim_end_matches('0').trim_end_matches('.').to_owned()
-        } else {
-            text
-        };
-    }
-    let digits = written(value / 10.0_f64.powi(magnitude), 2);
-    format!("{}·10{}", digits.trim_end_matches('0').trim_end_matches('.'), superscript(magnitude))
-}
-
-/// An integer in superscript digits.
-pub fn superscript(number: i32) -> String {
-    let raised = |character| match character {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        '4' => '⁴',
-        '5' => '⁵',
-        '6' => '⁶',
-        '7' => '⁷',
-        '8' => '⁸',
-        '9' => '⁹',
-        _ => '⁰',
-    };
-    number.to_string().chars().map(raised).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -381,13 +336,5 @@ mod tests {
             let span = Span::of([value, value]).padded(0.05);
             assert!(span.low < value && value < span.high);
         }
-    }
-
-    #[test]
-    fn numbers_in_text_are_short() {
-        assert_eq!(
-            [short(0.0), short(0.94), short(1.3e11), short(-12.345)],
-            ["0", "0.94", "1.3·10¹¹", "−12.3"]
-        );
     }
 }

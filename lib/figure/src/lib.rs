@@ -5,6 +5,7 @@ pub mod contour;
 pub mod figure;
 pub mod font;
 pub mod matrix;
+pub mod number;
 pub mod panel;
 pub mod raster;
 pub mod scene;

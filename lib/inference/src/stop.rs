@@ -1,6 +1,7 @@
 //! Whether a calibration is done, and what to think of it.
 
 use anyhow::{Result, bail};
+use gl_table::verdict::Verdicts;
 
 use crate::summary::Summary;
 
@@ -116,55 +117,87 @@ const BLIND: f64 = 0.5;
 /// The best run misfits by more than so many times what the noise explains: the fit is bad.
 const BAD_MISFIT: f64 = 2.0;
 
-/// What speaks against trusting a calibration that `criteria` stop, one sentence each.
+/// Whether to stop, and what speaks against trusting a calibration that `criteria` stop; by code:
+///
+/// | code | value |
+/// | --- | --- |
+/// | `go-on` | none: no criterion is met |
+/// | `stop` | the criteria that are met |
+/// | `single-sample` | the best run, by which alone it stops |
+/// | `tempered` | σ over that of the noise |
+/// | `bad-fit` | error of the best run, a share of the range |
+/// | `misfit-over-noise` | misfit of the best run over what the noise explains |
+/// | `few-runs` | how many the posterior rests on |
+/// | `uninformed` | a parameter of which the measurement says little |
+/// | `leans` | a parameter that leans on a bound |
 ///
 /// # Errors
 /// If a quantity in the summary is no number.
-pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> {
-    let mut doubts = Vec::new();
+pub fn verdict(summary: &Summary, criteria: &[Criterion]) -> Result<Verdicts> {
+    let mut verdict = Verdicts::default();
     let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
+    if met.is_empty() {
+        verdict.add("go-on", "", "go on: no criterion is met");
+        return Ok(verdict);
+    }
+    verdict.add("stop", met.join(","), format!("stop, by {}", met.join(" and ")));
     if met == ["best_error"] {
         let rest = summary.find_number("ensemble_error")?.unwrap_or(f64::NAN);
-        doubts.push(format!(
-            "the stop is by a single sample, {}; the weighted runs together miss by {:.2} % of the range",
-            summary.get("best_sample").unwrap_or("the best"),
+        let best = summary.get("best_sample").unwrap_or("the best");
+        let text = format!(
+            "the stop is by a single sample, {best}; the weighted runs together miss by {:.2} % of the range",
             100.0 * rest
-        ));
+        );
+        verdict.add("single-sample", best, text);
     }
     if let Some(noise) =
         criteria.iter().find(|c| c.name == "sigma_noise" && c.value > c.tolerance * (1.0 + 1e-9))
     {
-        doubts.push(format!(
-            "sigma is still {:.3} times that of the noise: the posterior may change with more iterations",
-            noise.value / noise.tolerance
-        ));
+        let times = noise.value / noise.tolerance;
+        let text = format!(
+            "sigma is still {times:.3} times that of the noise: the posterior may change with more iterations"
+        );
+        verdict.add("tempered", times, text);
     }
     if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
-        doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
+        let text = format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error);
+        verdict.add("bad-fit", error, text);
     }
     if let Some(times) = summary.find_number("best_misfit_over_noise")?.filter(|times| *times > BAD_MISFIT) {
-        doubts.push(format!(
-            "the fit is bad: the best run misfits by {times:.1} times what the noise explains"
-        ));
+        let text =
+            format!("the fit is bad: the best run misfits by {times:.1} times what the noise explains");
+        verdict.add("misfit-over-noise", times, text);
     }
     if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
-        doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));
+        let text = format!("the posterior rests on {runs:.1} runs: more samples may well change it");
+        verdict.add("few-runs", runs, text);
     }
     for name in summary.names_of("shrinkage") {
         let shrinkage = summary.find_number(&format!("shrinkage({name})"))?;
         if let Some(shrinkage) = shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
-            doubts.push(format!(
-                "the measurement says little of {name}: its standard deviation is {:.2} times what it was before",
-                (1.0 - shrinkage).sqrt()
-            ));
+            let left = (1.0 - shrinkage).sqrt();
+            let text = format!(
+                "the measurement says little of {name}: its standard deviation is {left:.2} times what it was before"
+            );
+            verdict.add("uninformed", &name, text);
         }
     }
+    add_leans(summary, &mut verdict)?;
+    Ok(verdict)
+}
+
+/// Add a `leans` for every parameter that leans on a bound.
+///
+/// # Errors
+/// If a quantity in the summary is no number.
+pub fn add_leans(summary: &Summary, verdict: &mut Verdicts) -> Result<()> {
     for name in summary.names_of("lean") {
         let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
         if lean != 0.0 {
             let side = if lean < 0.0 { "lower" } else { "upper" };
-            doubts.push(format!("{name} leans on its {side} bound: the truth may lie outside"));
+            let text = format!("{name} leans on its {side} bound: the truth may lie outside");
+            verdict.add("leans", &name, text);
         }
     }
-    Ok(doubts)
+    Ok(())
 }

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_cli::note;
-use gl_inference::stop::{Previous, Tolerances, criteria, doubts};
+use gl_cli::conclude;
+use gl_inference::stop::{Previous, Tolerances, criteria, verdict};
 use gl_inference::summary::Summary;
 use gl_table::TableWriter;
 
@@ -37,6 +37,9 @@ struct Args {
     /// Summary of gl-filter; stdin when absent
     #[arg(value_name = "SUMMARY", default_value = "-")]
     summary: PathBuf,
+    /// Where what it concludes goes, and what is to be doubted: code value text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Where the criteria go; stdout when absent
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -65,15 +68,14 @@ fn run(args: &Args) -> Result<bool> {
         table.text(criterion.name).number(criterion.value).number(criterion.tolerance).text(met).end_row()?;
     }
     table.finish()?;
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
-    if met.is_empty() {
-        return Ok(false);
+    let verdict = verdict(&summary, &criteria)?;
+    let is_done = criteria.iter().any(|criterion| criterion.is_met);
+    if is_done {
+        conclude("gl-check-stop", &verdict, args.verdict.as_deref())?;
+    } else if let Some(path) = &args.verdict {
+        verdict.write(Some(path))?;
     }
-    note("gl-check-stop", format_args!("stop, by {}", met.join(" and ")));
-    for doubt in doubts(&summary, &criteria)? {
-        note("gl-check-stop", doubt);
-    }
-    Ok(true)
+    Ok(is_done)
 }
 
 fn main() -> ExitCode {

@@ -8,14 +8,16 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
-use gl_cli::note;
+use gl_cli::conclude;
 use gl_inference::filter::{Noise, Runs, Target, weigh, weigh_emulated};
 use gl_inference::misfit::Misfits;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
+use gl_inference::stop::add_leans;
 use gl_inference::summary::{Evidence, Summary};
 use gl_inference::weights::Weights;
+use gl_table::verdict::Verdicts;
 
 use course::Course;
 
@@ -60,6 +62,9 @@ struct Args {
     /// Where the summary goes: quantity value
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
+    /// Where what is to be doubted goes: code value text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Tables of misfits; stdin when absent
     #[arg(value_name = "MISFIT", default_value = "-")]
     misfits: Vec<PathBuf>,
@@ -135,7 +140,7 @@ fn run(args: &Args) -> Result<()> {
     if let Some(sigma) = args.sigma_tol {
         summary.number("sigma_tol", sigma);
     }
-    warn(&summary)?;
+    conclude("gl-filter", &doubts(&summary)?, args.verdict.as_deref())?;
 
     let course = Course {
         misfits: &misfits,
@@ -218,25 +223,17 @@ fn bounds(prior: Option<&Prior>, samples: &Samples) -> (Vec<(f64, f64)>, Option<
     (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)
 }
 
-/// Say what a user should know before trusting the numbers.
-fn warn(summary: &Summary) -> Result<()> {
-    let ess_runs = summary.find_number("ess_runs")?.unwrap_or(f64::INFINITY);
-    if ess_runs < 5.0 {
-        note(
-            "gl-filter",
-            format_args!(
-                "the weight rests on {ess_runs:.1} runs; take the means as rough, the intervals are widened"
-            ),
-        );
+/// What a user should know before trusting the numbers; by code: `few-runs`, how many hold the weight, and
+/// `leans`, a parameter that leans on a bound.
+fn doubts(summary: &Summary) -> Result<Verdicts> {
+    let mut doubts = Verdicts::default();
+    if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 5.0) {
+        let text =
+            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened");
+        doubts.add("few-runs", runs, text);
     }
-    for name in summary.names_of("lean") {
-        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
-        if lean != 0.0 {
-            let side = if lean < 0.0 { "lower" } else { "upper" };
-            note("gl-filter", format_args!("{name} leans on its {side} bound; the truth may lie outside"));
-        }
-    }
-    Ok(())
+    add_leans(summary, &mut doubts)?;
+    Ok(doubts)
 }
 
 fn main() -> ExitCode {

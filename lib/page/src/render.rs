@@ -1,0 +1,50 @@
+//! Content and templates make a page.
+
+use anyhow::{Context, Result};
+use minijinja::{AutoEscape, Environment, HtmlEscape, Value};
+
+use crate::content::Content;
+
+/// The page.
+///
+/// # Errors
+/// If the template and the content do not go together.
+pub fn html(content: &Content) -> Result<String> {
+    render("report.html", content)
+}
+
+/// The same in short, as Markdown.
+///
+/// # Errors
+/// If the template and the content do not go together.
+pub fn markdown(content: &Content) -> Result<String> {
+    render("report.md", content)
+}
+
+fn render(name: &str, content: &Content) -> Result<String> {
+    let mut environment = Environment::new();
+    environment.set_trim_blocks(true);
+    environment.set_lstrip_blocks(true);
+    environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
+    environment.set_auto_escape_callback(|name| {
+        if name.ends_with(".html") { AutoEscape::Html } else { AutoEscape::None }
+    });
+    // Markdown takes a bar for the end of a cell, whatever stands before it.
+    environment.add_filter("cell", |text: String| text.replace('|', "\\|"));
+    // A long name may be broken after its underscores.
+    environment.add_filter("breakable", |text: String| {
+        Value::from_safe_string(HtmlEscape(&text).to_string().replace('_', "_<wbr>"))
+    });
+    for (name, template) in TEMPLATES {
+        environment.add_template(name, template)?;
+    }
+    let page = environment.get_template(name)?.render(content);
+    page.with_context(|| format!("template {name}"))
+}
+
+const TEMPLATES: [(&str, &str); 4] = [
+    ("report.html", include_str!("../templates/report.html")),
+    ("parts.html", include_str!("../templates/parts.html")),
+    ("style.css", include_str!("../templates/style.css")),
+    ("report.md", include_str!("../templates/report.md")),
+];

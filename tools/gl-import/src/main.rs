@@ -1,0 +1,2 @@
+//! Turn a folder of GrainLearning runs into tables.
+fn main() {}
