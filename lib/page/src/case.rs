@@ -1,9 +1,12 @@
-//! What a page needs of a case.
+//! A case as a page needs it: how its columns, noise and units are given to the tools.
 
+use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use anyhow::{Context, Result};
+use gl_case::{Case as Settled, Column, Engine, Settings};
 use gl_inference::prior::Prior;
 
 use crate::tools::Call;
@@ -13,6 +16,13 @@ use crate::tools::Call;
 pub struct Case {
     /// Its folder, as it was given.
     pub folder: PathBuf,
+    /// The file that describes it.
+    pub file: PathBuf,
+    /// The table of parameters, and where it is.
+    pub prior: Prior,
+    pub params: PathBuf,
+    /// The measurement.
+    pub obs: PathBuf,
     /// Name of the control in the measurement.
     pub control: String,
     /// Names of the observables in the measurement.
@@ -25,42 +35,45 @@ pub struct Case {
     pub truth: String,
     /// Steps that calibration saw, `A:B`, or nothing for all.
     pub steps: String,
-    pub seed: String,
+    pub seed: u64,
     /// What made the runs.
-    pub engine: String,
-    /// What was set in the call: `NUM=20 …`, as it would be typed.
-    pub overrides: Vec<String>,
-    /// The file that says all this.
-    pub file: PathBuf,
-    pub prior: Prior,
+    pub engine: Engine,
+    /// What was set in the call, each `KEY=VALUE`.
+    pub given: Vec<String>,
 }
 
 impl Case {
+    /// Read the case, with the settings that `out` was made with.
+    ///
+    /// # Errors
+    /// If one of its files cannot be read or is of no use, or it has no measurement.
     pub fn read(folder: &Path, engine: Option<&str>, out: &Path) -> Result<Self> {
-        let file = folder.join("case.env");
-        let text = fs::read_to_string(&file).with_context(|| format!("{}: no such case", file.display()))?;
-        let mut given = String::new();
-        for own in [out.join("settings.env"), out.join("base/settings.env")] {
-            given += &fs::read_to_string(own).unwrap_or_default();
-        }
-        let all = format!("{text}\n{given}");
-        let get = |key: &str| {
-            all.lines().filter_map(|line| line.strip_prefix(key)?.strip_prefix('=')).next_back().unwrap_or("").to_owned()
+        let settings = match Settings::read(out)? {
+            None => Settings::read(&out.join("base"))?,
+            settings => settings,
         };
-        let measured = |name: &str| name.split('=').next().unwrap_or(name).to_owned();
+        let given = settings.as_ref().map(|settings| settings.given.clone()).unwrap_or_default();
+        let case = Settled::load(folder, &given)?;
+        let engine = match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
+            Some(engine) => engine,
+            None => case.engine(None)?.0,
+        };
+        let test = case.tests.first().with_context(|| format!("{}: no measurement", case.file().display()))?;
         Ok(Self {
             folder: folder.to_owned(),
-            control: measured(&get("CONTROL")),
-            observables: get("OBSERVABLES").split(',').map(measured).collect(),
-            noise: get("NOISE"),
-            units: get("UNITS"),
-            truth: get("TRUTH"),
-            steps: get("STEPS"),
-            seed: Some(get("SEED")).filter(|seed| !seed.is_empty()).unwrap_or_else(|| "0".to_owned()),
-            engine: engine.unwrap_or("embedded").to_owned(),
-            overrides: Vec::new(),
-            prior: Prior::read(&folder.join("params.txt"))?,
-            file,
+            file: case.file(),
+            prior: Prior::read(&case.params())?,
+            params: case.params(),
+            obs: test.obs.clone(),
+            control: test.control.measured.clone(),
+            observables: test.observables.iter().map(|Column { measured, .. }| measured.clone()).collect(),
+            noise: by_name(&test.noise),
+            units: by_name(&case.units),
+            truth: by_name(&case.truth),
+            steps: test.steps.clone().unwrap_or_default(),
+            seed: case.seed,
+            engine,
+            given,
         })
     }
 
@@ -70,21 +83,18 @@ impl Case {
         folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
-    pub fn params(&self) -> PathBuf {
-        self.folder.join("params.txt")
-    }
-
-    pub fn obs(&self) -> PathBuf {
-        self.folder.join("obs.txt")
-    }
-
     /// A call with the measurement, its control and the noise.
     pub fn control_and_noise(&self, call: Call) -> Call {
-        call.file("-b", &self.obs()).option("-c", &self.control).option("--noise", &self.noise)
+        call.file("-b", &self.obs).option("-c", &self.control).option("--noise", &self.noise)
     }
 
     /// A call with the measurement, all its columns and the noise.
     pub fn columns(&self, call: Call) -> Call {
         self.control_and_noise(call).option("-v", &self.observables.join(","))
     }
+}
+
+/// `NAME=VALUE,…`
+fn by_name<T: Display>(pairs: &[(String, T)]) -> String {
+    pairs.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",")
 }

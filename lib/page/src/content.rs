@@ -249,15 +249,15 @@ impl About {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             Ok(vec![name, bytes.len().to_string(), cksum(&bytes).to_string()])
         };
-        let files = [case.file.clone(), case.params(), case.obs()];
+        let files = [case.file.clone(), case.params.clone(), case.obs.clone()];
         let checksums = files.iter().map(|path| checksum(path)).collect::<Result<Vec<_>>>()?;
         Ok(Self {
             about: text(&case.folder.join("README.md")).ok().and_then(|readme| first_paragraph(&readme)),
             control: case.control.clone(),
             observables: case.observables.clone(),
-            steps: rows(&case.obs())?,
+            steps: rows(&case.obs)?,
             noise: case.noise.replace(',', ", "),
-            params: Grid::read(&case.params(), usize::MAX)?,
+            params: Grid::read(&case.params, usize::MAX)?,
             off: base.still(),
             file: case.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             text: text(&case.file)?,
@@ -387,17 +387,17 @@ impl Again {
     fn gather(case: &Case, out: &Path, is_diagnosis: bool, base: &Calibration) -> Self {
         let word = |path: &Path| quoted(&path.display().to_string());
         let mut command = vec![if is_diagnosis { "gl-diagnose" } else { "gl-calibrate" }.to_owned()];
-        command.extend([word(&case.folder), "--engine".to_owned(), quoted(&case.engine), "--out".to_owned(), word(out)]);
-        command.extend(case.overrides.iter().map(|setting| quoted(setting)));
+        command.extend([word(&case.folder), "--engine".to_owned(), case.engine.to_string(), "--out".to_owned(), word(out)]);
+        command.extend(case.given.iter().map(|setting| quoted(setting)));
         // Where no criterion ended it, the number of iterations did.
-        let is_given = case.overrides.iter().any(|setting| setting.to_lowercase().starts_with("iterations="));
+        let is_given = case.given.iter().any(|setting| setting.to_lowercase().starts_with("iterations="));
         if !base.is_done && !is_given {
             command.push(format!("ITERATIONS={}", base.iterations.len()));
         }
         Self {
             command: command.join(" "),
-            engine: case.engine.clone(),
-            seed: case.seed.clone(),
+            engine: case.engine.to_string(),
+            seed: case.seed.to_string(),
             version: env!("CARGO_PKG_VERSION"),
         }
     }

@@ -69,7 +69,7 @@ impl Calibration {
     /// # Errors
     /// If gl-plot fails.
     pub fn pictures(&self, case: &Case) -> Result<Vec<Picture>> {
-        let call = |kind: &str| Call::new("gl-plot").with([kind]).file("-p", &case.params());
+        let call = |kind: &str| Call::new("gl-plot").with([kind]).file("-p", &case.params);
         let weighed = |kind: &str| {
             call(kind).option("--truth", &case.truth).file("-w", &self.file("posterior-weights.txt"))
         };

@@ -1,6 +1,8 @@
 //! Content and templates make a page.
 
 use anyhow::{Context, Result};
+use minijinja::syntax::SyntaxConfig;
+use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, HtmlEscape, Value};
 
 use crate::content::Content;
@@ -23,8 +25,7 @@ pub fn markdown(content: &Content) -> Result<String> {
 
 fn render(name: &str, content: &Content) -> Result<String> {
     let mut environment = Environment::new();
-    environment.set_trim_blocks(true);
-    environment.set_lstrip_blocks(true);
+    environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|name| {
         if name.ends_with(".html") { AutoEscape::Html } else { AutoEscape::None }
@@ -38,7 +39,7 @@ fn render(name: &str, content: &Content) -> Result<String> {
     for (name, template) in TEMPLATES {
         environment.add_template(name, template)?;
     }
-    let page = environment.get_template(name)?.render(content);
+    let page = environment.get_template(name)?.render(Serde(content));
     page.with_context(|| format!("template {name}"))
 }
 
