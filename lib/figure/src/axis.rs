@@ -8,6 +8,8 @@ use crate::scene::fitted;
 
 /// Size of tick labels and of legends, in points.
 pub const SMALL: f64 = 7.0;
+/// Between two tick labels side by side, in points.
+const BETWEEN_LABELS: f64 = 4.0;
 /// Size of axis labels, in points.
 pub const LARGE: f64 = 8.0;
 
@@ -121,10 +123,7 @@ pub struct Axis {
 impl Axis {
     /// An axis along the bottom, `length` points long: as many marks as their labels leave room for.
     pub fn horizontal(span: Span, label: Label, length: f64) -> Self {
-        let fits = |axis: &Self| {
-            let room = length / axis.ticks.len().max(1) as f64;
-            axis.ticks.iter().all(|(_, text)| font::width(text, SMALL) + 5.0 <= room)
-        };
+        let fits = |axis: &Self| axis.labels_part(length);
         let most = (length / 20.0).clamp(2.0, 8.0) as usize;
         let tries = (2..=most).rev().map(|count| Self::with_ticks(span, label.clone(), count));
         let mut last = None;
@@ -141,6 +140,20 @@ impl Axis {
             axis.ticks = axis.ticks.into_iter().step_by(2).collect();
         }
         axis
+    }
+
+    /// Whether no two labels come near each other along `length` points. On a logarithmic axis marks are
+    /// not evenly apart.
+    fn labels_part(&self, length: f64) -> bool {
+        let mut ends: Vec<(f64, f64)> = self
+            .ticks
+            .iter()
+            .map(|(value, text)| (self.span.place(*value) * length, font::width(text, SMALL) / 2.0))
+            .map(|(middle, half)| (middle - half, middle + half))
+            .collect();
+        ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let is_narrow = self.ticks.iter().all(|(_, text)| font::width(text, SMALL) <= length);
+        is_narrow && ends.windows(2).all(|pair| pair[0].1 + BETWEEN_LABELS <= pair[1].0)
     }
 
     /// An axis up the side, `length` points high.
@@ -319,6 +332,17 @@ mod tests {
         assert_eq!(labels(1.0, 1e4, true), ["10⁰", "10¹", "10²", "10³", "10⁴"]);
         assert_eq!(labels(1.0, 10.0, true), ["1", "2", "3", "5", "10"]);
         assert!(labels(100.0, 120.0, true).len() >= 2);
+    }
+
+    #[test]
+    fn labels_of_a_log_axis_do_not_touch() {
+        // Within a decade 2000 and 3000 are nearer than 3000 and 5000.
+        for length in [40.0, 60.0, 80.0, 110.0, 150.0] {
+            for (low, high) in [(900.0, 6000.0), (1e3, 9e4), (0.3, 10.0), (1e-9, 1e7)] {
+                let axis = Axis::horizontal(Span { low, high, log: true }, Label::new("x"), length);
+                assert!(axis.ticks.len() >= 2 && (axis.labels_part(length) || axis.ticks.len() == 2));
+            }
+        }
     }
 
     #[test]
