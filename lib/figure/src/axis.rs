@@ -8,6 +8,8 @@ use crate::scene::fitted;
 
 /// Size of tick labels and of legends, in points.
 pub const SMALL: f64 = 7.0;
+/// How far a number below the frame may reach past its end, where there are neighbours.
+pub const OVERHANG: f64 = 1.5;
 /// Between two tick labels side by side, in points.
 const BETWEEN_LABELS: f64 = 4.0;
 /// Size of axis labels, in points.
@@ -139,6 +141,9 @@ impl Axis {
             axis.minor.extend(every_second.map(|(value, _)| *value));
             axis.ticks = axis.ticks.into_iter().step_by(2).collect();
         }
+        if axis.ticks.len() == 2 && !fits(&axis) {
+            axis.minor.extend(axis.ticks.pop().map(|(value, _)| value));
+        }
         axis
     }
 
@@ -149,7 +154,11 @@ impl Axis {
             .ticks
             .iter()
             .map(|(value, text)| (self.span.place(*value) * length, font::width(text, SMALL) / 2.0))
-            .map(|(middle, half)| (middle - half, middle + half))
+            .map(|(middle, half)| {
+                // Those at the ends are kept off the neighbours.
+                let middle = middle.min(length - half + OVERHANG).max(half - OVERHANG);
+                (middle - half, middle + half)
+            })
             .collect();
         ends.sort_by(|a, b| a.0.total_cmp(&b.0));
         let is_narrow = self.ticks.iter().all(|(_, text)| font::width(text, SMALL) <= length);
@@ -340,7 +349,7 @@ mod tests {
         for length in [40.0, 60.0, 80.0, 110.0, 150.0] {
             for (low, high) in [(900.0, 6000.0), (1e3, 9e4), (0.3, 10.0), (1e-9, 1e7)] {
                 let axis = Axis::horizontal(Span { low, high, log: true }, Label::new("x"), length);
-                assert!(axis.ticks.len() >= 2 && (axis.labels_part(length) || axis.ticks.len() == 2));
+                assert!(!axis.ticks.is_empty() && axis.labels_part(length));
             }
         }
     }

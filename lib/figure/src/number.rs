@@ -74,6 +74,28 @@ pub fn interval(low: f64, high: f64) -> String {
     if exponent == 0 { format!("{low} – {high}") } else { format!("({low} – {high}){}", power(exponent)) }
 }
 
+/// A mean with its interval, as much of it as there is room for: `9.2262 (9.2256 – 9.2267)`, or `9.2262`.
+pub fn estimate(mean: f64, low: f64, high: f64, fits: impl Fn(&str) -> bool) -> String {
+    if low == high {
+        return significant(mean, 4);
+    }
+    let ([mean, low, high], exponent) = alike([mean, low, high], (high - low) / 3.3);
+    let power = power(exponent);
+    let forms = [
+        format!("{mean} ({low} – {high}){power}"),
+        format!("{mean} ({low}–{high}){power}"),
+        format!("{mean}{power}"),
+    ];
+    let [long, narrow, short] = forms;
+    if fits(&long) {
+        long
+    } else if fits(&narrow) {
+        narrow
+    } else {
+        short
+    }
+}
+
 /// An integer in superscript digits.
 pub fn superscript(number: i32) -> String {
     let raised = |character| match character {
@@ -112,5 +134,7 @@ mod tests {
         assert_eq!(with_sd(0.3, 0.0), "0.3");
         assert_eq!(interval(-0.6, 12.0), "−0.6 – 12.0");
         assert_eq!(interval(0.0, 0.0), "0");
+        assert_eq!(estimate(1.5e11, 1.46e11, 1.54e11, |_| true), "150.0 (146.0 – 154.0)·10⁹");
+        assert_eq!(estimate(0.3, 0.1, 0.5, |_| false), "0.30");
     }
 }
