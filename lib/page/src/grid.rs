@@ -33,7 +33,7 @@ const LONG: usize = 24;
 impl Grid {
     /// From the heads of the columns and the rows.
     pub fn new<S: Into<String>>(names: impl IntoIterator<Item = S>, rows: Vec<Vec<String>>) -> Self {
-        let is_empty = |cell: &str| matches!(cell, "-" | "");
+        let is_empty = |cell: &str| matches!(cell, "-" | "" | "off");
         let column = |(j, name): (usize, S)| {
             let cells = || rows.iter().map(|row| row[j].as_str()).filter(|cell| !is_empty(cell));
             Column {
