@@ -65,7 +65,7 @@ fn a_truth_outside_the_bounds_is_said_with_the_parameter_and_the_side() {
         ((1.5, 4.0), "name lower upper\na 0.1 1\nb 0.1 10\n", "a leans on its upper bound"),
     ] {
         let (folder, stderr) = posterior(truth, params, 2000, 1);
-        assert!(stderr.contains(&format!("{says}: the truth may lie outside")), "{stderr}");
+        assert!(stderr.contains(&format!("{says}; the truth may lie outside")), "{stderr}");
         let stop = folder.call("gl-check-stop posterior.txt", "");
         assert_eq!(stop.status.code(), Some(0));
         let stderr = String::from_utf8_lossy(&stop.stderr).into_owned();

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 
-pub use failure::Failure;
+pub use failure::{Failure, RunStatus};
 use packed::{OpenPacks, Packs};
 
 use crate::ensemble::Ensemble;

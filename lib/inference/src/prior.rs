@@ -8,6 +8,7 @@ use anyhow::{Result, bail, ensure};
 use gl_numeric::normal::Truncated;
 pub use gl_numeric::normal::{normal_cdf, normal_quantile};
 use gl_table::Table;
+use serde::Deserialize;
 
 /// How a parameter is spread between its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +59,87 @@ pub struct Effect {
     pub parameters: Vec<usize>,
 }
 
+/// One row of a `params.txt`, as it is written.
+#[derive(Deserialize)]
+struct Row {
+    name: String,
+    lower: f64,
+    upper: f64,
+    scale: Option<String>,
+    mean: Option<f64>,
+    sd: Option<f64>,
+    effect: Option<String>,
+    off: Option<f64>,
+    unit: Option<String>,
+}
+
+impl Row {
+    /// The parameter, or the column that is wrong and what is.
+    fn parameter(self) -> Result<Parameter, (&'static str, String)> {
+        check_parameter_name(&self.name).map_err(|problem| ("name", problem))?;
+        let (scale, normal) = (self.scale()?, self.normal()?);
+        let Self { name, lower, upper, effect, off, unit, .. } = self;
+        if let Some(effect) = &effect {
+            check_effect_name(effect).map_err(|problem| ("effect", problem))?;
+            if off.is_none() {
+                return Err((
+                    "off",
+                    format!("give the value of {name} at which the effect {effect} is absent"),
+                ));
+            }
+        }
+        let off = effect.as_ref().and(off);
+        let parameter = Parameter { name, lower, upper, scale, normal, effect, off, unit };
+        if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
+            let name = parameter.name;
+            return Err((
+                "mean",
+                format!(
+                    "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
+                ),
+            ));
+        }
+        Ok(parameter)
+    }
+
+    fn scale(&self) -> Result<Scale, (&'static str, String)> {
+        let Self { name, lower, upper, .. } = self;
+        let scale = match self.scale.as_deref() {
+            None | Some("linear") => Scale::Linear,
+            Some("log") => Scale::Log,
+            Some(other) => return Err(("scale", format!("{other:?} is neither linear nor log"))),
+        };
+        if lower >= upper {
+            return Err(("upper", format!("{upper} is not above the lower bound {lower} of {name}")));
+        }
+        if !(upper - lower).is_finite() {
+            return Err((
+                "upper",
+                format!(
+                    "{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"
+                ),
+            ));
+        }
+        if scale == Scale::Log && *lower <= 0.0 {
+            return Err((
+                "lower",
+                format!("{lower}, but on a log scale the bounds of {name} must be positive"),
+            ));
+        }
+        Ok(scale)
+    }
+
+    fn normal(&self) -> Result<Option<(f64, f64)>, (&'static str, String)> {
+        match (self.mean, self.sd) {
+            (None, None) => Ok(None),
+            (Some(mean), Some(sd)) if sd > 0.0 => Ok(Some((mean, sd))),
+            (Some(_), Some(sd)) => Err(("sd", format!("{sd} is not positive"))),
+            (Some(_), None) => Err(("sd", format!("{} has a mean but no sd", self.name))),
+            (None, Some(_)) => Err(("mean", format!("{} has an sd but no mean", self.name))),
+        }
+    }
+}
+
 const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
 
 /// Column names that tables use for themselves.
@@ -105,91 +187,17 @@ impl Prior {
                 COLUMNS.join(", ")
             );
         }
-        let name_column = table.format().column("name")?;
-        let (lower_column, upper_column) = (table.format().column("lower")?, table.format().column("upper")?);
-        let text = |row: usize, column: &str| -> Result<Option<String>> {
-            let field = table.format().find(column)?.map(|column| table.field(row, column));
-            Ok(field.filter(|field| !matches!(*field, "-" | "")).map(str::to_owned))
-        };
-        let number = |row: usize, column: &str| -> Result<Option<f64>> {
-            let present = text(row, column)?.is_some();
-            let place = table.format().find(column)?.filter(|_| present);
-            place.map(|place| table.number(row, place)).transpose()
-        };
-        ensure!(!table.is_empty(), "{source}: no parameters; add a row for each that may vary");
-
+        let rows: Vec<Row> = table.rows()?;
+        ensure!(!rows.is_empty(), "{source}: no parameters; add a row for each that may vary");
         let mut parameters: Vec<Parameter> = Vec::new();
-        for row in 0..table.len() {
-            let name = table.field(row, name_column);
-            if let Err(problem) = check_parameter_name(name) {
-                return table.fail(row, "name", problem);
+        for (place, row) in rows.into_iter().enumerate() {
+            if parameters.iter().any(|parameter| parameter.name == row.name) {
+                return table.fail(place, "name", format_args!("duplicate {}", row.name));
             }
-            if parameters.iter().any(|parameter| parameter.name == name) {
-                return table.fail(row, "name", format_args!("{name} is there twice"));
+            match row.parameter() {
+                Ok(parameter) => parameters.push(parameter),
+                Err((column, problem)) => return table.fail(place, column, problem),
             }
-            let lower = table.number(row, lower_column)?;
-            let upper = table.number(row, upper_column)?;
-            let scale = match text(row, "scale")?.as_deref() {
-                None | Some("linear") => Scale::Linear,
-                Some("log") => Scale::Log,
-                Some(other) => {
-                    return table.fail(row, "scale", format_args!("{other:?} is neither linear nor log"));
-                }
-            };
-            if lower >= upper {
-                return table.fail(
-                    row,
-                    "upper",
-                    format_args!("{upper} is not above the lower bound {lower} of {name}"),
-                );
-            }
-            if !(upper - lower).is_finite() {
-                return table.fail(
-                    row,
-                    "upper",
-                    format_args!("{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"),
-                );
-            }
-            if scale == Scale::Log && lower <= 0.0 {
-                return table.fail(
-                    row,
-                    "lower",
-                    format_args!("{lower}, but on a log scale the bounds of {name} must be positive"),
-                );
-            }
-            let normal = match (number(row, "mean")?, number(row, "sd")?) {
-                (None, None) => None,
-                (Some(mean), Some(sd)) if sd > 0.0 => Some((mean, sd)),
-                (Some(_), Some(sd)) => return table.fail(row, "sd", format_args!("{sd} is not positive")),
-                (Some(_), None) => return table.fail(row, "sd", format_args!("{name} has a mean but no sd")),
-                (None, Some(_)) => {
-                    return table.fail(row, "mean", format_args!("{name} has an sd but no mean"));
-                }
-            };
-            let effect = text(row, "effect")?;
-            let off = number(row, "off")?;
-            if let (Some(effect), None) = (&effect, off) {
-                return table.fail(
-                    row,
-                    "off",
-                    format_args!("give the value of {name} at which the effect {effect} is absent"),
-                );
-            }
-            if let Some(effect) = &effect
-                && let Err(problem) = check_effect_name(effect)
-            {
-                return table.fail(row, "effect", problem);
-            }
-            let off = effect.as_ref().and(off);
-            let unit = text(row, "unit")?;
-            let parameter =
-                Parameter { name: name.to_owned(), lower, upper, scale, normal, effect, off, unit };
-            if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
-                return table.fail(row, "mean", format_args!(
-                    "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
-                ));
-            }
-            parameters.push(parameter);
         }
         Ok(Self { parameters })
     }

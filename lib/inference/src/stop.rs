@@ -1,7 +1,9 @@
 //! Whether a calibration is done, and what to think of it.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use gl_table::verdict::Verdicts;
+use gl_table::{number, yes_no};
+use serde::{Deserialize, Serialize};
 
 use crate::summary::Summary;
 
@@ -19,16 +21,26 @@ pub struct Tolerances {
 }
 
 /// One reason to stop, and whether it holds.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Criterion {
     /// What it looks at.
-    pub name: &'static str,
+    #[serde(rename = "criterion")]
+    pub name: String,
     /// The value there.
+    #[serde(serialize_with = "number")]
     pub value: f64,
     /// What it is to come down to, or up to for the number of iterations.
+    #[serde(serialize_with = "number")]
     pub tolerance: f64,
     /// Whether it has.
+    #[serde(rename = "met", serialize_with = "yes_no")]
     pub is_met: bool,
+}
+
+impl Criterion {
+    fn new(name: &str, value: f64, tolerance: f64, is_met: bool) -> Self {
+        Self { name: name.to_owned(), value, tolerance, is_met }
+    }
 }
 
 /// What is known of the iteration before.
@@ -39,7 +51,7 @@ pub enum Previous {
     /// There is none.
     First,
     /// What it said.
-    Iteration(Summary),
+    Iteration(Box<Summary>),
 }
 
 /// Check a summary against the tolerances. σ having come down to the noise is a reason of its own.
@@ -56,36 +68,32 @@ pub fn criteria(
     iteration: Option<usize>,
     previous: &Previous,
 ) -> Result<Vec<Criterion>> {
-    let quantity = |name: &str| -> Result<f64> {
-        match summary.find_number(name)? {
-            Some(value) => Ok(value),
-            None => bail!("the summary has no quantity {name}"),
-        }
+    let known = |name: &str, value: Option<f64>| {
+        value.with_context(|| format!("the summary has no quantity {name}; is it one of gl-filter?"))
     };
     let mut criteria = Vec::new();
-    let mut below = |name: &'static str, tolerance: Option<f64>| -> Result<()> {
+    let mut below = |name: &str, value: Option<f64>, tolerance: Option<f64>| -> Result<()> {
         if let Some(tolerance) = tolerance {
-            let value = quantity(name)?;
-            criteria.push(Criterion { name, value, tolerance, is_met: value <= tolerance });
+            let value = known(name, value)?;
+            criteria.push(Criterion::new(name, value, tolerance, value <= tolerance));
         }
         Ok(())
     };
-    below("sigma", tolerances.sigma.or(summary.find_number("sigma_tol")?))?;
-    below("ensemble_error", tolerances.ensemble_error)?;
-    below("best_error", tolerances.error)?;
-    let floor = summary.find_number("sigma_min")?.or(summary.find_number("sigma_noise")?);
-    if let Some(tolerance) = floor {
-        let value = quantity("sigma")?;
+    below("sigma", summary.sigma, tolerances.sigma.or(summary.sigma_tol))?;
+    below("ensemble_error", summary.ensemble_error, tolerances.ensemble_error)?;
+    below("best_error", summary.best_error, tolerances.error)?;
+    if let Some(tolerance) = summary.sigma_min.or(summary.sigma_noise) {
+        let value = known("sigma", summary.sigma)?;
         // Tempering that went below the noise, for want of a floor, has not come to rest on it.
-        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous)?;
-        criteria.push(Criterion { name: "sigma_noise", value, tolerance, is_met });
+        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous);
+        criteria.push(Criterion::new("sigma_noise", value, tolerance, is_met));
     }
     if let Some(most) = tolerances.iterations {
         let Some(iteration) = iteration else {
             bail!("--max-iterations needs --iteration, the number of this one")
         };
         let (value, tolerance) = ((iteration + 1) as f64, most as f64);
-        criteria.push(Criterion { name: "iterations", value, tolerance, is_met: value >= tolerance });
+        criteria.push(Criterion::new("iterations", value, tolerance, value >= tolerance));
     }
     Ok(criteria)
 }
@@ -94,15 +102,13 @@ pub fn criteria(
 const SETTLED: f64 = 0.8;
 
 /// Whether the noise is known, or its estimate has not fallen since the iteration before.
-fn noise_is_settled(summary: &Summary, previous: &Previous) -> Result<bool> {
-    let is_known = summary.get("best_misfit_over_noise").is_some();
-    let noise = |summary: &Summary| summary.find_number("sigma_noise");
+fn noise_is_settled(summary: &Summary, previous: &Previous) -> bool {
     match previous {
-        _ if is_known => Ok(true),
-        Previous::NotAsked => Ok(true),
-        Previous::First => Ok(false),
+        _ if summary.best_misfit_over_noise.is_some() => true,
+        Previous::NotAsked => true,
+        Previous::First => false,
         Previous::Iteration(before) => {
-            Ok(noise(summary)?.zip(noise(before)?).is_some_and(|(now, then)| now >= SETTLED * then))
+            summary.sigma_noise.zip(before.sigma_noise).is_some_and(|(now, then)| now >= SETTLED * then)
         }
     }
 }
@@ -117,87 +123,85 @@ const BLIND: f64 = 0.5;
 /// The best run misfits by more than so many times what the noise explains: the fit is bad.
 const BAD_MISFIT: f64 = 2.0;
 
-/// Whether to stop, and what speaks against trusting a calibration that `criteria` stop; by code:
-///
-/// | code | value |
-/// | --- | --- |
-/// | `go-on` | none: no criterion is met |
-/// | `stop` | the criteria that are met |
-/// | `single-sample` | the best run, by which alone it stops |
-/// | `tempered` | σ over that of the noise |
-/// | `bad-fit` | error of the best run, a share of the range |
-/// | `misfit-over-noise` | misfit of the best run over what the noise explains |
-/// | `few-runs` | how many the posterior rests on |
-/// | `uninformed` | a parameter of which the measurement says little |
-/// | `leans` | a parameter that leans on a bound |
-///
-/// # Errors
-/// If a quantity in the summary is no number.
-pub fn verdict(summary: &Summary, criteria: &[Criterion]) -> Result<Verdicts> {
-    let mut verdict = Verdicts::default();
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
+/// What a calibration that stops by `criteria` concludes, a row a conclusion: `stop`, and then what speaks
+/// against trusting it: `single-sample`, `sigma-above-noise`, `bad-fit`, `few-runs`, `blind` and `leans`.
+/// Nothing where no criterion is met.
+pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name.as_str()).collect();
     if met.is_empty() {
-        verdict.add("go-on", "", "go on: no criterion is met");
-        return Ok(verdict);
+        return verdicts;
     }
-    verdict.add("stop", met.join(","), format!("stop, by {}", met.join(" and ")));
+    verdicts.add("stop", met.join(","), format!("stop, by {}", met.join(" and ")));
     if met == ["best_error"] {
-        let rest = summary.find_number("ensemble_error")?.unwrap_or(f64::NAN);
-        let best = summary.get("best_sample").unwrap_or("the best");
-        let text = format!(
-            "the stop is by a single sample, {best}; the weighted runs together miss by {:.2} % of the range",
-            100.0 * rest
+        let best = summary.best_sample.as_deref().unwrap_or("the best");
+        let rest = summary.ensemble_error.unwrap_or(f64::NAN);
+        verdicts.add(
+            "single-sample",
+            best,
+            format!(
+                "the stop is by a single sample, {best}; the weighted runs together miss by {:.2} % of the range",
+                100.0 * rest
+            ),
         );
-        verdict.add("single-sample", best, text);
     }
-    if let Some(noise) =
-        criteria.iter().find(|c| c.name == "sigma_noise" && c.value > c.tolerance * (1.0 + 1e-9))
-    {
+    let noise = criteria.iter().find(|c| c.name == "sigma_noise");
+    if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {
         let times = noise.value / noise.tolerance;
-        let text = format!(
-            "sigma is still {times:.3} times that of the noise: the posterior may change with more iterations"
+        verdicts.add(
+            "sigma-above-noise",
+            times,
+            format!("sigma is still {times:.3} times that of the noise: the posterior may change with more iterations"),
         );
-        verdict.add("tempered", times, text);
     }
-    if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
-        let text = format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error);
-        verdict.add("bad-fit", error, text);
+    if let Some(error) = summary.best_error.filter(|error| *error > BAD_ERROR) {
+        verdicts.add(
+            "bad-fit",
+            error,
+            format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error),
+        );
     }
-    if let Some(times) = summary.find_number("best_misfit_over_noise")?.filter(|times| *times > BAD_MISFIT) {
-        let text =
-            format!("the fit is bad: the best run misfits by {times:.1} times what the noise explains");
-        verdict.add("misfit-over-noise", times, text);
+    if let Some(times) = summary.best_misfit_over_noise.filter(|times| *times > BAD_MISFIT) {
+        verdicts.add(
+            "bad-fit",
+            times,
+            format!("the fit is bad: the best run misfits by {times:.1} times what the noise explains"),
+        );
     }
-    if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
-        let text = format!("the posterior rests on {runs:.1} runs: more samples may well change it");
-        verdict.add("few-runs", runs, text);
+    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 3.0) {
+        verdicts.add(
+            "few-runs",
+            runs,
+            format!("the posterior rests on {runs:.1} runs: more samples may well change it"),
+        );
     }
-    for name in summary.names_of("shrinkage") {
-        let shrinkage = summary.find_number(&format!("shrinkage({name})"))?;
-        if let Some(shrinkage) = shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
-            let left = (1.0 - shrinkage).sqrt();
-            let text = format!(
-                "the measurement says little of {name}: its standard deviation is {left:.2} times what it was before"
-            );
-            verdict.add("uninformed", &name, text);
-        }
-    }
-    add_leans(summary, &mut verdict)?;
-    Ok(verdict)
+    parameter_verdicts(summary, &mut verdicts);
+    verdicts
 }
 
-/// Add a `leans` for every parameter that leans on a bound.
-///
-/// # Errors
-/// If a quantity in the summary is no number.
-pub fn add_leans(summary: &Summary, verdict: &mut Verdicts) -> Result<()> {
-    for name in summary.names_of("lean") {
-        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
-        if lean != 0.0 {
-            let side = if lean < 0.0 { "lower" } else { "upper" };
-            let text = format!("{name} leans on its {side} bound: the truth may lie outside");
-            verdict.add("leans", &name, text);
+/// What the measurement could not tell, and what leans on a bound.
+fn parameter_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
+    for parameter in &summary.parameters {
+        let name = &parameter.name;
+        if let Some(shrinkage) = parameter.shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
+            let left = (1.0 - shrinkage).sqrt();
+            verdicts.add(
+                "blind",
+                name,
+                format!(
+                    "the measurement says little of {name}: its standard deviation is {left:.2} times what it was before"
+                ),
+            );
         }
     }
-    Ok(())
+    for parameter in &summary.parameters {
+        if let Some(side) = parameter.leaning_side() {
+            let name = &parameter.name;
+            verdicts.add(
+                "leans",
+                name,
+                format!("{name} leans on its {side} bound: the truth may lie outside"),
+            );
+        }
+    }
 }

@@ -41,12 +41,9 @@ impl Known {
     }
 
     fn number(&self, quantity: &str) -> Result<f64> {
-        let number = self.summary.find_number(quantity).with_context(|| self.path.display().to_string())?;
-        number.with_context(|| format!("{}: no quantity {quantity}; is it a summary of gl-filter?", self.path.display()))
-    }
-
-    fn of(&self, quantity: &str, parameter: &str) -> Result<f64> {
-        self.number(&format!("{quantity}({parameter})"))
+        self.summary.quantity(quantity).with_context(|| {
+            format!("{}: no quantity {quantity}; is it a summary of gl-filter?", self.path.display())
+        })
     }
 }
 
@@ -136,13 +133,13 @@ impl Calibration {
 
     /// Names of the parameters that were varied.
     pub fn varied(&self) -> Vec<String> {
-        self.posterior.summary.names_of("shrinkage")
+        self.posterior.summary.varied().map(|parameter| parameter.name.clone()).collect()
     }
 
     /// Names of the others: parameters of effects that are off.
     pub fn still(&self) -> Vec<String> {
-        let varied = self.varied();
-        self.posterior.summary.names_of("mean").into_iter().filter(|name| !varied.contains(name)).collect()
+        let all = self.posterior.summary.parameters.iter();
+        all.filter(|parameter| parameter.shrinkage.is_none()).map(|parameter| parameter.name.clone()).collect()
     }
 
     /// What is known of each parameter that was varied.
@@ -155,7 +152,7 @@ impl Calibration {
             known.and_then(|parameter| parameter.unit.clone()).unwrap_or_default()
         };
         let estimate = |name: String| {
-            let of = |quantity: &str| self.posterior.of(quantity, &name);
+            let of = |quantity: &str| self.posterior.number(&format!("{quantity}({name})"));
             Ok(Estimate {
                 unit: unit(&name),
                 mean: of("mean")?,
@@ -204,7 +201,7 @@ impl Calibration {
             runs: of("runs")? as usize + of("failed")? as usize,
             failed: of("failed")? as usize,
             tempering: (ratio > 1.0 + 1e-7).then(|| short(ratio)),
-            best_sample: self.posterior.summary.get("best_sample").unwrap_or("-").to_owned(),
+            best_sample: self.posterior.summary.best_sample.clone().unwrap_or_else(|| "-".to_owned()),
             best_error: short(100.0 * of("best_error")?),
             ess_runs: short(ess_runs),
             rests_on_few: ess_runs < 2.0 * self.varied().len() as f64 + 4.0,

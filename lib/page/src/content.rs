@@ -229,9 +229,8 @@ impl Stage {
             ));
         }
         // These two are said above; what misfits is what a diagnosis is for.
-        let is_said = |code: &str| matches!(code, "tempered" | "few-runs");
-        let is_expected =
-            |code: &str| whose == Some("the base model") && matches!(code, "bad-fit" | "misfit-over-noise");
+        let is_said = |code: &str| matches!(code, "sigma-above-noise" | "few-runs");
+        let is_expected = |code: &str| whose == Some("the base model") && code == "bad-fit";
         let own = self.verdict.iter().filter(|row| verdict::is_doubt(&row.code));
         let own = own.filter(|row| !is_said(&row.code) && !is_expected(&row.code));
         doubts.extend(own.map(|row| match whose {

@@ -52,15 +52,13 @@ pub fn is_doubt(code: &str) -> bool {
 
 /// What a reader should know before trusting the rest.
 const DOUBTS: &[&str] = &[
-    // of gl-check-stop
+    // of gl-check-stop and gl-filter
     "single-sample",
-    "tempered",
+    "sigma-above-noise",
     "bad-fit",
     "few-runs",
-    "misfit-over-noise",
-    "uninformed",
+    "blind",
     "leans",
-    "no-criterion",
 ];
 
 /// Whether a code answers what a diagnosis was asked, so that it is said first.

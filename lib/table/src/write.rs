@@ -2,7 +2,12 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
+use csv::{QuoteStyle, WriterBuilder};
+use serde::de::DeserializeOwned;
+use serde::{Serialize, Serializer};
+
+use super::row::columns_of;
 
 /// Append the shortest decimal that reads back to the same `f64`.
 pub fn push_number(text: &mut Vec<u8>, value: f64) {
@@ -211,4 +216,83 @@ impl TableWriter {
     pub fn finish(self) -> Result<()> {
         self.sink.finish()
     }
+}
+
+/// Write rows of a serde type as a table at `path` (standard output if absent or `-`), with a header even
+/// where there are none. Numbers go through [`number`] and [`optional_number`].
+///
+/// ```
+/// #[derive(serde::Serialize, serde::Deserialize)]
+/// struct Reading {
+///     #[serde(serialize_with = "gl_table::number")]
+///     u: f64,
+///     #[serde(serialize_with = "gl_table::optional_number")]
+///     f: Option<f64>,
+/// }
+/// gl_table::write_rows(None, &[Reading { u: 2.0, f: None }])?;
+/// # Ok::<(), gl_table::Error>(())
+/// ```
+///
+/// # Errors
+/// If the table cannot be written.
+pub fn write_rows<T: Serialize + DeserializeOwned>(path: Option<&Path>, rows: &[T]) -> Result<()> {
+    let sink = Sink::create(path)?;
+    let name = sink.name.clone();
+    let cannot = |error: csv::Error| match error.into_kind() {
+        // For the caller to see a closed pipe, which csv::Error has no source for.
+        csv::ErrorKind::Io(error) => Error::new(error).context(format!("{name}: cannot be written")),
+        other => Error::msg(format!("{name}: cannot be written: {other:?}")),
+    };
+    let mut writer = WriterBuilder::new()
+        .has_headers(false)
+        .delimiter(b'\t')
+        .quote_style(QuoteStyle::Never)
+        .from_writer(sink);
+    writer.write_record(columns_of::<T>()).map_err(cannot)?;
+    for row in rows {
+        writer.serialize(row).map_err(cannot)?;
+    }
+    let sink = writer.into_inner().map_err(|error| cannot(error.into_error().into()))?;
+    sink.finish()
+}
+
+/// For serde: a number as the shortest decimal that reads back to the same `f64`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn number<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    let mut text = Vec::new();
+    push_number(&mut text, *value);
+    serializer.serialize_str(&String::from_utf8_lossy(&text))
+}
+
+/// For serde: a number as [`number`] writes it, or `-`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn optional_number<S: Serializer>(
+    value: &Option<f64>,
+    serializer: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    match value {
+        Some(value) => number(value, serializer),
+        None => serializer.serialize_str("-"),
+    }
+}
+
+/// For serde: a text as a field: `-` if it is empty, blanks in place of tabs and line ends.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn text<S: Serializer>(value: &str, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    let flat = value.replace(['\t', '\n', '\r'], " ");
+    serializer.serialize_str(if flat.is_empty() { "-" } else { &flat })
+}
+
+/// For serde: `yes` or `no`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn yes_no<S: Serializer>(value: &bool, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.serialize_str(if *value { "yes" } else { "no" })
 }

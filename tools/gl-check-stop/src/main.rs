@@ -6,9 +6,9 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl_cli::conclude;
-use gl_inference::stop::{Previous, Tolerances, criteria, verdict};
+use gl_inference::stop::{Previous, Tolerances, criteria, verdicts};
 use gl_inference::summary::Summary;
-use gl_table::TableWriter;
+use gl_table::write_rows;
 
 /// Decide whether a calibration is done: exit 0 to stop, 1 to go on
 ///
@@ -34,12 +34,12 @@ struct Args {
     /// Summary of the iteration before, none for the first: go on while an estimated noise still falls
     #[arg(long, value_name = "FILE|none")]
     previous: Option<PathBuf>,
+    /// Where the conclusions go, besides stderr: code value text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Summary of gl-filter; stdin when absent
     #[arg(value_name = "SUMMARY", default_value = "-")]
     summary: PathBuf,
-    /// Where what it concludes goes, and what is to be doubted: code value text
-    #[arg(long, value_name = "FILE")]
-    verdict: Option<PathBuf>,
     /// Where the criteria go; stdout when absent
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -59,23 +59,13 @@ fn run(args: &Args) -> Result<bool> {
     let previous = match args.previous.as_deref() {
         None => Previous::NotAsked,
         Some(path) if path == Path::new("none") => Previous::First,
-        Some(path) => Previous::Iteration(Summary::read(path)?),
+        Some(path) => Previous::Iteration(Box::new(Summary::read(path)?)),
     };
     let criteria = criteria(&summary, &tolerances, args.iteration, &previous)?;
-    let mut table = TableWriter::create(args.output.as_deref(), &["criterion", "value", "tolerance", "met"])?;
-    for criterion in &criteria {
-        let met = if criterion.is_met { "yes" } else { "no" };
-        table.text(criterion.name).number(criterion.value).number(criterion.tolerance).text(met).end_row()?;
-    }
-    table.finish()?;
-    let verdict = verdict(&summary, &criteria)?;
-    let is_done = criteria.iter().any(|criterion| criterion.is_met);
-    if is_done {
-        conclude("gl-check-stop", &verdict, args.verdict.as_deref())?;
-    } else if let Some(path) = &args.verdict {
-        verdict.write(Some(path))?;
-    }
-    Ok(is_done)
+    write_rows(args.output.as_deref(), &criteria)?;
+    let verdicts = verdicts(&summary, &criteria);
+    conclude("gl-check-stop", &verdicts, args.verdict.as_deref())?;
+    Ok(verdicts.find("stop").is_some())
 }
 
 fn main() -> ExitCode {

@@ -7,11 +7,11 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::{not_negative, note};
-use gl_inference::collect::{Collection, Failure};
+use gl_inference::collect::{Collection, Failure, RunStatus};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::samples::Samples;
-use gl_table::{TableWriter, appears_whole};
+use gl_table::{appears_whole, write_rows};
 
 /// Bring the runs onto the steps of the measurement, leaving out those that failed
 #[derive(Parser)]
@@ -155,15 +155,9 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
 }
 
 fn write_status(path: &Path, samples: &Samples, status: &Status) -> Result<()> {
-    let mut table = TableWriter::create(Some(path), &["sample", "status", "detail"])?;
-    for (name, status) in samples.names.iter().zip(status) {
-        match status {
-            Ok(()) => table.text(name).text("ok").text(""),
-            Err(failure) => table.text(name).text(failure.reason()).text(failure.detail()),
-        };
-        table.end_row()?;
-    }
-    table.finish()
+    let rows: Vec<_> =
+        samples.names.iter().zip(status).map(|(name, status)| RunStatus::new(name, status)).collect();
+    write_rows(Some(path), &rows)
 }
 
 fn main() -> ExitCode {

@@ -14,7 +14,6 @@ use gl_inference::misfit::Misfits;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
-use gl_inference::stop::add_leans;
 use gl_inference::summary::{Evidence, Summary};
 use gl_inference::weights::Weights;
 use gl_table::verdict::Verdicts;
@@ -62,7 +61,7 @@ struct Args {
     /// Where the summary goes: quantity value
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
-    /// Where what is to be doubted goes: code value text
+    /// Where the conclusions go, besides stderr: code value text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
     /// Tables of misfits; stdin when absent
@@ -135,12 +134,10 @@ fn run(args: &Args) -> Result<()> {
     };
     let mut summary = evidence.summary()?;
     if let Some(Sigma(Target::Sigma(sigma))) = args.sigma_min {
-        summary.number("sigma_min", sigma);
+        summary.sigma_min = Some(sigma);
     }
-    if let Some(sigma) = args.sigma_tol {
-        summary.number("sigma_tol", sigma);
-    }
-    conclude("gl-filter", &doubts(&summary)?, args.verdict.as_deref())?;
+    summary.sigma_tol = args.sigma_tol;
+    conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref())?;
 
     let course = Course {
         misfits: &misfits,
@@ -223,17 +220,27 @@ fn bounds(prior: Option<&Prior>, samples: &Samples) -> (Vec<(f64, f64)>, Option<
     (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)
 }
 
-/// What a user should know before trusting the numbers; by code: `few-runs`, how many hold the weight, and
-/// `leans`, a parameter that leans on a bound.
-fn doubts(summary: &Summary) -> Result<Verdicts> {
-    let mut doubts = Verdicts::default();
-    if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 5.0) {
-        let text =
-            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened");
-        doubts.add("few-runs", runs, text);
+/// What a user should know before trusting the numbers: `few-runs`, and `leans` for each parameter that does.
+fn verdicts(summary: &Summary) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 5.0) {
+        verdicts.add(
+            "few-runs",
+            runs,
+            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened"),
+        );
     }
-    add_leans(summary, &mut doubts)?;
-    Ok(doubts)
+    for parameter in &summary.parameters {
+        if let Some(side) = parameter.leaning_side() {
+            let name = &parameter.name;
+            verdicts.add(
+                "leans",
+                name,
+                format!("{name} leans on its {side} bound; the truth may lie outside"),
+            );
+        }
+    }
+    verdicts
 }
 
 fn main() -> ExitCode {

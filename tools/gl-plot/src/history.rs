@@ -165,10 +165,10 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
         numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
     }
     let mut means = Vec::new();
-    for name in tables[0].1.names_of("mean") {
+    for parameter in &tables[0].1.parameters {
+        let name = &parameter.name;
         let of = |kind: &str| quantities(&format!("{kind}({name})"));
-        let label = parameters.label(&name);
-        let trend = Trend::new(&iteration, of("mean")?, label, &name, color::BLUE);
+        let trend = Trend::new(&iteration, of("mean")?, parameters.label(name), name, color::BLUE);
         means.push(vec![trend.with_band(of("q05")?, of("q95")?)]);
     }
     // Parameters of effects that are off stand still.
@@ -181,8 +181,7 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
 /// The value of a quantity in the summary at `path`.
 fn quantity((path, summary): &(&PathBuf, Summary), name: &str) -> Result<f64> {
     summary
-        .find_number(name)
-        .with_context(|| path.display().to_string())?
+        .quantity(name)
         .with_context(|| format!("{}: no quantity {name}; is it a summary of gl-filter?", path.display()))
 }
 

@@ -84,7 +84,7 @@ impl Estimate {
         };
         let number = |kind: &str| {
             let quantity = format!("{kind}({name})");
-            summary.find_number(&quantity)?.with_context(|| format!("--summary: no quantity {quantity}"))
+            summary.quantity(&quantity).with_context(|| format!("--summary: no quantity {quantity}"))
         };
         Ok(Self { mean: number("mean")?, low: number("q05")?, high: number("q95")? })
     }
