@@ -9,6 +9,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::cursor::Cursor;
 use super::runs::PieceRows;
+use super::write::INCOMPLETE;
 
 /// How the fields of one table are laid out: its column names and what separates them.
 #[derive(Clone, Debug)]
@@ -129,6 +130,9 @@ impl Format {
             split(line, Separator::Blanks, fields);
         }
         if fields.len() != self.columns.len() {
+            if line.starts_with(INCOMPLETE) {
+                return Err("the table ends here: what wrote it could not finish it".to_owned());
+            }
             return Err(format!("{} fields where the header names {}", fields.len(), self.columns.len()));
         }
         Ok(())
@@ -190,6 +194,10 @@ impl<'a> Rows<'a> {
             anyhow!("{source}:{}: not UTF-8 text", 1 + before.iter().filter(|&&byte| byte == b'\n').count())
         })?;
         let mut rest = text.strip_prefix('\u{feff}').unwrap_or(text);
+        ensure!(
+            rest.contains('\n') || !rest.contains('\r'),
+            "{source}: its lines end with CR alone; let them end with LF (tr '\\r' '\\n')"
+        );
         let mut line = 0;
         loop {
             let Some(header) = next_line(&mut rest) else {

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use csv::{ReaderBuilder, StringRecord};
 use serde::de::DeserializeOwned;
 
@@ -76,9 +76,18 @@ impl Table {
         self.lines.is_empty()
     }
 
-    /// Whether the last line is ended. A file that was cut in the middle of a number is not.
-    pub fn ends_with_newline(&self) -> bool {
-        self.ends_with_newline
+    /// Refuse a table whose last line has no end: a number that was cut off is still a number.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn check_end(&self) -> Result<()> {
+        let line = self.lines.last().copied().unwrap_or(1);
+        ensure!(
+            self.ends_with_newline,
+            "{}:{line}: the last line has no end, so its last number may be cut off; end it with a newline",
+            self.format.source()
+        );
+        Ok(())
     }
 
     /// Line number of a row, for messages.

@@ -104,7 +104,7 @@ fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path) -> Resu
 fn is_complete(world: &dyn World, param: &Path, sim: &Path, columns: &[&str], values: &[f64]) -> bool {
     let same = |file: &Path, column: &str, expected: &[f64]| {
         Table::read(file).is_ok_and(|table| {
-            table.ends_with_newline() && table.numbers(column).is_ok_and(|found| found == expected)
+            table.check_end().is_ok() && table.numbers(column).is_ok_and(|found| found == expected)
         })
     };
     param.exists()

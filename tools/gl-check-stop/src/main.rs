@@ -49,6 +49,7 @@ const EXAMPLE: &str = "Example:
   gl-check-stop --error-tol 0.01 --iteration 2 --max-iterations 10 summary.txt";
 
 fn run(args: &Args) -> Result<bool> {
+    gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let summary = Summary::read(&args.summary)?;
     let tolerances = Tolerances {
         sigma: args.sigma_tol,

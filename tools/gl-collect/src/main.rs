@@ -70,6 +70,7 @@ impl FromStr for Column {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.status.as_ref()])?;
     let samples = Samples::read(&args.samples)?;
     let measured: Vec<String> = args.observables.iter().map(|column| column.measured.clone()).collect();
     let observations = Observations::read(&args.observations, &args.control.measured, &measured)?;

@@ -93,6 +93,13 @@ impl FromStr for Sigma {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([
+        args.output.as_ref(),
+        args.history.as_ref(),
+        args.step_weights.as_ref(),
+        args.summary.as_ref(),
+        args.verdict.as_ref(),
+    ])?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;

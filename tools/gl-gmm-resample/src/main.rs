@@ -24,7 +24,7 @@ struct Args {
     #[arg(short, long, value_name = "FILE")]
     params: PathBuf,
     /// Number of samples
-    #[arg(short, long, value_name = "N")]
+    #[arg(short, long, value_name = "N", value_parser = gl_cli::count)]
     num: usize,
     /// Components of the mixture at the most; when absent, as many as the effective samples can show, up to 10
     #[arg(long, value_name = "K")]
@@ -83,6 +83,7 @@ enum SamplingName {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.proposal_out.as_ref()])?;
     ensure!(args.num > 0, "draw at least one sample");
     ensure!(args.components != Some(0), "--components: a mixture has at least one");
     ensure!(args.concentration.is_none_or(|c| c > 0.0), "--concentration must be positive");
@@ -108,6 +109,12 @@ fn run(args: &Args) -> Result<()> {
     let resampled = resample(&weights, &prior, &how)?;
     if resampled.was_widened {
         note("gl-gmm-resample", "the weight rests on very few samples; their neighbours were taken in");
+    }
+    if resampled.was_by_density {
+        note(
+            "gl-gmm-resample",
+            "hardly any of the slice lies inside the bounds, so the samples were drawn by the mixture's density",
+        );
     }
     if let Some(path) = &args.proposal_out {
         resampled.proposal.write(path)?;

@@ -82,9 +82,17 @@ impl Collection<'_> {
         if control.is_empty() {
             return Err(Failure::Empty);
         }
+        for (name, values) in self.observables.iter().zip(&values) {
+            if let Some(value) = values.iter().find(|value| value.abs() > HIGHEST) {
+                return Err(Failure::NonFinite(format!("{file}: column {name}: {value:e}: the run blew up")));
+            }
+        }
         align(&self.observations.control, &control, &values, self.end_tolerance)
     }
 }
+
+/// Above this the square of a value, divided by a small noise, is no number any more.
+const HIGHEST: f64 = 1e100;
 
 fn number(format: &Format, line: usize, column: usize, field: &str) -> Result<f64, Failure> {
     parse_number(field).map_err(|problem| {
