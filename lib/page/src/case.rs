@@ -43,16 +43,18 @@ pub struct Case {
 }
 
 impl Case {
-    /// Read the case, with the settings that `out` was made with.
+    /// Read the case, with the settings that `out` was made with, and those in `given`.
     ///
     /// # Errors
     /// If one of its files cannot be read or is of no use, or it has no measurement.
-    pub fn read(folder: &Path, engine: Option<&str>, out: &Path) -> Result<Self> {
+    pub fn read(folder: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Self> {
         let settings = match Settings::read(out)? {
             None => Settings::read(&out.join("base"))?,
             settings => settings,
         };
-        let given = settings.as_ref().map(|settings| settings.given.clone()).unwrap_or_default();
+        let mut kept = settings.as_ref().map(|settings| settings.given.clone()).unwrap_or_default();
+        kept.extend(given.iter().filter(|setting| !kept.contains(setting)).cloned().collect::<Vec<_>>());
+        let given = kept;
         let case = Settled::load(folder, &given)?;
         let engine = match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
             Some(engine) => engine,

@@ -22,7 +22,9 @@ pub struct Content {
     /// Where the tables are.
     folder: String,
     is_diagnosis: bool,
-    /// What was concluded, the answer first.
+    /// What answers the question of a diagnosis.
+    answer: Option<Sentence>,
+    /// What was concluded, in the order of the tools.
     conclusions: Vec<String>,
     /// What speaks against trusting it.
     doubts: Vec<String>,
@@ -159,6 +161,7 @@ impl Content {
             name: case.name(),
             folder: out.display().to_string(),
             is_diagnosis,
+            answer: None,
             conclusions: Vec::new(),
             doubts: Vec::new(),
             runs: runs(&base_stage, closed.as_ref(), out)?,
@@ -185,11 +188,8 @@ impl Content {
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
         let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
-        let mut conclusions: Vec<&Sentence> =
-            all.iter().filter(|sentence| !verdict::is_doubt(&sentence.code)).copied().collect();
-        // A stable sort: the answer first, the rest in the order of the tools.
-        conclusions.sort_by_key(|sentence| !verdict::is_answer(&sentence.code));
-        self.conclusions = conclusions.iter().map(say).collect();
+        self.answer = all.iter().find(|sentence| verdict::is_answer(&sentence.code)).copied().cloned();
+        self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model")));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
@@ -391,7 +391,7 @@ impl Again {
         // Where no criterion ended it, the number of iterations did.
         let is_given = case.given.iter().any(|setting| setting.to_lowercase().starts_with("iterations="));
         if !base.is_done && !is_given {
-            command.push(format!("ITERATIONS={}", base.iterations.len()));
+            command.push(format!("iterations={}", base.iterations.len()));
         }
         Self {
             command: command.join(" "),

@@ -25,11 +25,12 @@ use gl_table::Sink;
 /// * `case` — the folder of the case.
 /// * `engine` — what made the runs, where that is not what the folder says.
 /// * `out` — what gl-calibrate or gl-diagnose wrote.
+/// * `given` — settings of that call, each `KEY=VALUE`, where the folder does not say them.
 ///
 /// # Errors
 /// If there is no calibration in the folder, a table cannot be read, or a picture cannot be drawn.
-pub fn write(case: &Path, engine: Option<&str>, out: &Path) -> Result<Vec<PathBuf>> {
-    let case = case::Case::read(case, engine, out)?;
+pub fn write(case: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Vec<PathBuf>> {
+    let case = case::Case::read(case, engine, out, given)?;
     let has_base = out.join("base").is_dir();
     let base = if has_base { out.join("base") } else { out.to_owned() };
     ensure!(

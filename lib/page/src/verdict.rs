@@ -59,6 +59,17 @@ const DOUBTS: &[&str] = &[
     "few-runs",
     "blind",
     "leans",
+    // of gl-gap-attribute
+    "base-fits",
+    "next",
+    "confounded",
+    "emulator",
+    // of all that ask for the noise
+    "noise-scale",
+    "outliers",
+    // of gl-gap-locate and gl-gap-shrink
+    "alternates",
+    "grows",
 ];
 
 /// Whether a code answers what a diagnosis was asked, so that it is said first.
@@ -66,7 +77,7 @@ pub fn is_answer(code: &str) -> bool {
     ANSWERS.contains(&code)
 }
 
-const ANSWERS: &[&str] = &["cause", "cause-with-rest", "unexplained", "no-gap"];
+const ANSWERS: &[&str] = &["cause", "cause-with-rest", "unsettled", "unexplained", "none"];
 
 #[cfg(test)]
 mod tests {

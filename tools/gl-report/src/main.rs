@@ -18,11 +18,14 @@ struct Args {
     #[arg(value_name = "CASE")]
     case: PathBuf,
     /// What made the runs; by default what the results say
-    #[arg(long, value_name = "ENGINE")]
+    #[arg(short, long, value_name = "ENGINE")]
     engine: Option<String>,
     /// Folder of the results; by default out/CASE-diagnosis if it is there, else out/CASE
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Settings of the call that made the results, where these do not say them
+    #[arg(value_name = "KEY=VALUE")]
+    given: Vec<String>,
 }
 
 const EXAMPLE: &str = "Example, after a calibration:
@@ -30,14 +33,15 @@ const EXAMPLE: &str = "Example, after a calibration:
 
 fn run(args: &Args) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| default_out(&args.case));
-    for path in gl_page::write(&args.case, args.engine.as_deref(), &out)? {
+    for path in gl_page::write(&args.case, args.engine.as_deref(), &out, &args.given)? {
         writeln!(io::stdout(), "{}", path.display())?;
     }
     Ok(())
 }
 
 fn default_out(case: &Path) -> PathBuf {
-    let name = case.file_name().unwrap_or_default().to_string_lossy();
+    let folder = case.canonicalize().unwrap_or_else(|_| case.to_owned());
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
     let diagnosis = Path::new("out").join(format!("{name}-diagnosis"));
     if diagnosis.is_dir() { diagnosis } else { Path::new("out").join(&*name) }
 }
