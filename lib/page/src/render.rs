@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::Serde;
-use minijinja::{AutoEscape, Environment, HtmlEscape, Value};
+use minijinja::{AutoEscape, Environment, Value, escape_formatter};
 
 use crate::content::Content;
 
@@ -34,13 +34,24 @@ fn render(name: &str, content: &Content) -> Result<String> {
     environment.add_filter("cell", |text: String| text.replace('|', "\\|"));
     // A long name may be broken after its underscores.
     environment.add_filter("breakable", |text: String| {
-        Value::from_safe_string(HtmlEscape(&text).to_string().replace('_', "_<wbr>"))
+        Value::from_safe_string(escaped(&text).replace('_', "_<wbr>"))
+    });
+    // As always, but for the slash, so that commands in the page can be read in its source too.
+    environment.set_formatter(|output, state, value| match (state.auto_escape(), value.as_str()) {
+        (AutoEscape::Html, Some(text)) if !value.is_safe() => Ok(output.write_str(&escaped(text))?),
+        _ => escape_formatter(output, state, value),
     });
     for (name, template) in TEMPLATES {
         environment.add_template(name, template)?;
     }
     let page = environment.get_template(name)?.render(Serde(content));
     page.with_context(|| format!("template {name}"))
+}
+
+/// Text as it may stand in HTML, between tags and in attributes.
+fn escaped(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    text.replace('"', "&quot;").replace('\'', "&#39;")
 }
 
 const TEMPLATES: [(&str, &str); 4] = [
