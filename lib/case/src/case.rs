@@ -233,6 +233,11 @@ impl Case {
         })
     }
 
+    /// Names of all settings.
+    pub fn settings() -> Vec<&'static str> {
+        fields_of::<File>()
+    }
+
     /// The table of parameters.
     pub fn params(&self) -> PathBuf {
         self.folder.join("params.txt")

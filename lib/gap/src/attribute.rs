@@ -38,3 +38,4 @@ pub mod self_check;
 #[cfg(test)]
 mod synthetic_world;
 pub mod verdict;
+pub mod winner;

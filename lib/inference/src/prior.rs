@@ -4,11 +4,12 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-
 use gl_numeric::normal::Truncated;
 pub use gl_numeric::normal::{normal_cdf, normal_quantile};
-use gl_table::Table;
+use gl_table::{Table, TableWriter, push_number};
 use serde::Deserialize;
+
+use crate::samples::check_parameter_name;
 
 /// How a parameter is spread between its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +18,24 @@ pub enum Scale {
     Linear,
     /// Evenly in the natural logarithm of the value.
     Log,
+}
+
+impl Scale {
+    /// A value on this scale: its natural logarithm for [`Scale::Log`].
+    pub fn forward(self, value: f64) -> f64 {
+        match self {
+            Self::Linear => value,
+            Self::Log => value.ln(),
+        }
+    }
+
+    /// The value at a place on this scale.
+    pub fn back(self, place: f64) -> f64 {
+        match self {
+            Self::Linear => place,
+            Self::Log => place.exp(),
+        }
+    }
 }
 
 /// One parameter: its bounds, its prior, and the effect it belongs to.
@@ -142,22 +161,6 @@ impl Row {
 
 const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
 
-/// Column names that tables use for themselves.
-const RESERVED: [&str; 12] = [
-    "description",
-    "key",
-    "sample",
-    "step",
-    "misfit",
-    "error",
-    "weight",
-    "readings",
-    "quantity",
-    "value",
-    "sigma",
-    "ess",
-];
-
 impl Prior {
     /// A value of each parameter with every effect off; those of the base stand at their lower bound.
     pub fn with_effects_off(&self) -> Vec<f64> {
@@ -205,6 +208,39 @@ impl Prior {
     /// The prior of these parameters, which must have been checked.
     pub fn new(parameters: Vec<Parameter>) -> Self {
         Self { parameters }
+    }
+
+    /// Write the table of parameters, with the optional columns that any of them needs.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: Option<&Path>) -> Result<()> {
+        type Text = fn(&Parameter) -> Option<String>;
+        fn text(value: f64) -> String {
+            let mut text = Vec::new();
+            push_number(&mut text, value);
+            String::from_utf8_lossy(&text).into_owned()
+        }
+        let optional: [(&str, Text); 6] = [
+            ("scale", |p| (p.scale == Scale::Log).then(|| p.scale.to_string())),
+            ("mean", |p| p.normal.map(|(mean, _)| text(mean))),
+            ("sd", |p| p.normal.map(|(_, sd)| text(sd))),
+            ("effect", |p| p.effect.clone()),
+            ("off", |p| p.off.map(text)),
+            ("unit", |p| p.unit.clone()),
+        ];
+        let is_needed = |(_, of): &&(&str, Text)| self.parameters.iter().any(|p| of(p).is_some());
+        let optional: Vec<&(&str, Text)> = optional.iter().filter(is_needed).collect();
+        let columns = ["name", "lower", "upper"].into_iter().chain(optional.iter().map(|(name, _)| *name));
+        let mut table = TableWriter::create(path, &columns.collect::<Vec<_>>())?;
+        for parameter in &self.parameters {
+            table.text(&parameter.name).numbers(&[parameter.lower, parameter.upper]);
+            for (_, of) in &optional {
+                table.text(&of(parameter).unwrap_or_default());
+            }
+            table.end_row()?;
+        }
+        table.finish()
     }
 
     /// All parameters, in the order of the table.
@@ -256,16 +292,6 @@ impl Prior {
         }
         Ok(effects.into_iter().filter(|effect| names.contains(&effect.name)).collect())
     }
-}
-
-fn check_parameter_name(name: &str) -> Result<(), String> {
-    if RESERVED.contains(&name) || name.starts_with('!') {
-        return Err(format!("{name} is a name that tables use for themselves; choose another"));
-    }
-    if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
-        return Err(format!("{name:?} is no parameter name; use letters, digits, `_`, `-` and `.`"));
-    }
-    Ok(())
 }
 
 fn check_effect_name(name: &str) -> Result<(), String> {
@@ -340,7 +366,7 @@ impl Parameter {
     }
 
     /// The bounds on the parameter's own scale.
-    fn scaled_bounds(&self) -> (f64, f64) {
+    pub fn scaled_bounds(&self) -> (f64, f64) {
         match self.scale {
             Scale::Linear => (self.lower, self.upper),
             Scale::Log => (self.lower.ln(), self.upper.ln()),

@@ -7,7 +7,7 @@ use crate::prior::{Parameter, Prior, normal_quantile};
 use crate::proposal::{Proposal, Support};
 use crate::weights::Weights;
 use gl_numeric::sequence::Halton;
-use gl_numeric::statistics::{mean, sd};
+use gl_numeric::statistics::{effective_size, mean, sd};
 
 /// How samples are drawn from the fitted mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -163,7 +163,7 @@ fn least_samples(dimensions: usize) -> usize {
 /// nearest to them are given the same weight.
 fn enough_samples(points: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, bool) {
     let least = least_samples(points[0].len());
-    let ess = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+    let ess = effective_size(weights);
     if ess >= least as f64 - 1e-9 {
         return (weights.to_vec(), false);
     }

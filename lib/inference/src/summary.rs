@@ -9,7 +9,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::filter::{Noise, Runs, Weighting};
 use crate::prior::normal_quantile;
-use gl_numeric::statistics::{Quantiles, mean, normalised, sd};
+use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
 use gl_table::{Table, parse_number, push_number, text, write_rows};
 
 /// One row of a summary table.
@@ -231,6 +231,11 @@ pub struct Marginal {
     pub lean: i8,
 }
 
+/// Runs that must hold weight for the shape of a posterior of so many parameters d to be seen in them, 2 d + 4.
+pub fn enough_runs(parameters: usize) -> usize {
+    2 * parameters + 4
+}
+
 /// Marginal posteriors whose intervals stay wide enough when few runs hold the weight.
 #[derive(Debug)]
 pub struct Marginals {
@@ -274,9 +279,8 @@ impl Marginals {
     pub fn new(runs: &Runs, weighting: &Weighting, parameters: usize) -> Result<Self> {
         let weights = weighting.weights()?;
         let n = weights.len() as f64;
-        let least = 2.0 * parameters as f64 + 4.0;
-        let effective = |weights: &[f64]| 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
-        let wide_weights = if effective(&weights) >= least {
+        let least = enough_runs(parameters) as f64;
+        let wide_weights = if effective_size(&weights) >= least {
             weights.clone()
         } else {
             // Where no σ does it (too few runs, or ties), all runs count alike.
@@ -286,7 +290,7 @@ impl Marginals {
                 None => normalised(&runs.ln_proposal.iter().map(|q| -q).collect::<Vec<f64>>())?,
             }
         };
-        let ess = effective(&wide_weights).max(1.5);
+        let ess = effective_size(&wide_weights).max(1.5);
         let inflation = (ess + 1.0) / (ess - 1.0);
         let t = StudentsT::new(0.0, 1.0, ess - 1.0)?.inverse_cdf(0.95) / normal_quantile(0.95);
         Ok(Self {
@@ -349,7 +353,7 @@ impl Evidence<'_> {
     pub fn summary(&self) -> Result<Summary> {
         let weights = self.weighting.weights()?;
         let n = weights.len() as f64;
-        let ess_runs = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+        let ess_runs = effective_size(&weights);
         let best = (0..weights.len())
             .min_by(|&a, &b| self.runs.misfit[a].total_cmp(&self.runs.misfit[b]))
             .context("no runs to summarise")?;

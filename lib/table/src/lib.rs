@@ -24,7 +24,7 @@ pub use read::{Format, Rows, open, parse_number, read_bytes};
 pub use runs::{Flaw, PieceRows, RunTable};
 pub use whole::Table;
 pub use write::{
-    Sink, TableWriter, appears_whole, number, optional_number, push_number, text, write_rows, yes_no,
+    Sink, TableWriter, appears_whole, number, optional_number, push_number, rounded, text, write_rows, yes_no,
 };
 
 pub use anyhow::{Error, Result};

@@ -287,6 +287,36 @@ impl TableWriter {
     }
 }
 
+/// A number to so many significant digits, as `%g` of C prints it: without zeros at the end, with a power of ten
+/// where it is very large or small.
+///
+/// ```
+/// # use gl_table::rounded;
+/// assert_eq!(rounded(1234.5678, 5), "1234.6");
+/// assert_eq!(rounded(0.5, 3), "0.5");
+/// assert_eq!(rounded(1234567.0, 3), "1.23e+06");
+/// assert_eq!(rounded(0.0000123456, 3), "1.23e-05");
+/// ```
+pub fn rounded(value: f64, digits: usize) -> String {
+    let digits = digits.max(1);
+    if !value.is_finite() {
+        return value.to_string().to_lowercase();
+    }
+    let scientific = format!("{value:.*e}", digits - 1);
+    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    let trimmed = |text: &str| match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text.to_owned(),
+    };
+    let places = i32::try_from(digits).unwrap_or(i32::MAX) - 1 - exponent;
+    if exponent < -4 || places < 0 {
+        let sign = if exponent < 0 { '-' } else { '+' };
+        return format!("{}e{sign}{:02}", trimmed(mantissa), exponent.abs());
+    }
+    trimmed(&format!("{value:.*}", usize::try_from(places).unwrap_or(0)))
+}
+
 /// Write rows of a serde type as a table at `path` (standard output if absent or `-`), with a header even
 /// where there are none. Numbers go through [`number`] and [`optional_number`].
 ///

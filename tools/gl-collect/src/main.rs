@@ -7,7 +7,7 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::{not_negative, note};
-use gl_inference::collect::{Collection, Failure, RunStatus};
+use gl_inference::collect::{Collection, Failure, RTOL, RunStatus};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::samples::Samples;
@@ -39,7 +39,7 @@ struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = not_negative)]
     max_failed: f64,
     /// Relative difference up to which a run's parameters are the table's
-    #[arg(long, value_name = "R", default_value_t = 1e-5, value_parser = not_negative)]
+    #[arg(long, value_name = "R", default_value_t = RTOL, value_parser = not_negative)]
     rtol: f64,
     /// Share of the control's range by which a run may fall short of the measurement
     #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = not_negative)]

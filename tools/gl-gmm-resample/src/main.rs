@@ -12,6 +12,7 @@ use gl_inference::prior::Prior;
 use gl_inference::resample::{Resampling, Sampling, resample};
 use gl_inference::samples::{Samples, sample_names};
 use gl_inference::weights::Weights;
+use gl_numeric::statistics::effective_size;
 
 /// Draw the next samples where the weight lies
 ///
@@ -126,7 +127,7 @@ fn run(args: &Args) -> Result<()> {
 /// As many components as the runs that hold the weight can show: three times d + 1 for each, with d
 /// parameters, up to ten components.
 fn default_components(weights: &Weights) -> usize {
-    let ess_runs = 1.0 / weights.weight.iter().map(|w| w * w).sum::<f64>();
+    let ess_runs = effective_size(&weights.weight);
     let shown = ess_runs / (3 * (weights.varying() + 1)) as f64;
     (shown as usize).clamp(1, 10)
 }

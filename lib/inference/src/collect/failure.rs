@@ -36,6 +36,19 @@ impl Failure {
         }
     }
 
+    /// The reason as the status of a run has it, after the exit code.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Missing(_) => "MISSING",
+            Self::Empty => "EMPTY",
+            Self::Truncated(_) => "TRUNCATED",
+            Self::NonFinite(_) => "NON_FINITE",
+            Self::Parameters(_) => "PARAMETERS",
+            Self::Control(_) => "CONTROL",
+            Self::Malformed(_) => "MALFORMED",
+        }
+    }
+
     /// What exactly was found.
     pub fn detail(&self) -> &str {
         match self {
