@@ -4,9 +4,11 @@ pub(crate) mod emulated;
 pub(crate) mod iteration;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
 use crate::check;
@@ -51,6 +53,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
+    let _lock = alone(&out, "gl-calibrate")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
@@ -88,6 +91,14 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     finish(&out, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
+}
+
+/// The folder for this driver alone. One that was killed leaves steps that end soon.
+///
+/// # Errors
+/// If another driver works there.
+pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
+    OutLock::take_within(out, tool, Duration::from_secs(2), &|text| gl_cli::note(tool, text))
 }
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.

@@ -420,7 +420,8 @@ pub fn run_task(work: &Path, first: usize, termination: &Termination) -> Result<
         None => 0,
         Some(text) => text.parse().with_context(|| format!("{text:?} is no number of a task"))?,
     };
-    job.scratch = Some(scratch(task.scratch.as_deref(), work)?);
+    let named = task.scratch.as_deref().or(job.scratch.as_deref());
+    job.scratch = Some(scratch(named, work)?);
     started(work)?;
     // A task that the scheduler starts again after a node has failed goes on where it was.
     let rows = missing_of(&table, task.share(first + index), &job.dir)?;
@@ -463,5 +464,166 @@ fn started(work: &Path) -> Result<()> {
             Err(error).with_context(|| format!("{}: cannot be written", work.display()))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+    use crate::call::Call;
+    use crate::job::Limit;
+    use crate::scheduler::Job as Queued;
+
+    /// What a scheduler does with an array: nothing, run it, or refuse it.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Does {
+        Lose,
+        Fail,
+        Refuse,
+        NoAnswer,
+    }
+
+    /// A scheduler of arrays of two tasks, which does one thing after another.
+    struct Fake {
+        work: PathBuf,
+        does: RefCell<Vec<Does>>,
+        names: RefCell<Vec<String>>,
+    }
+
+    impl Scheduler for Fake {
+        fn engine(&self) -> &'static str {
+            "slurm"
+        }
+        fn check(&self) -> Result<()> {
+            Ok(())
+        }
+        fn largest_array(&self) -> Option<usize> {
+            Some(2)
+        }
+        fn follows_arrays(&self) -> bool {
+            true
+        }
+        fn array_name(&self, first: usize) -> String {
+            format!("gl-{first}-{}", self.names.borrow().len())
+        }
+        fn control_name(&self, _: &Path) -> String {
+            String::new()
+        }
+        fn own_job(&self) -> Option<String> {
+            None
+        }
+        fn submit(&self, request: &Request, _: Say) -> Result<String> {
+            let noted = noted_in(&self.work.join("jobs"))?;
+            let last = noted.last().expect("a name is noted before anything is submitted");
+            assert_eq!((last.name.as_str(), &last.id), (request.name, &None));
+            self.names.borrow_mut().push(request.name.to_owned());
+            let does = self.does.borrow_mut().pop().unwrap_or(Does::Lose);
+            match does {
+                Does::Refuse => bail!("sbatch refused: too many jobs"),
+                Does::NoAnswer => bail!(NoAnswer("timed out".to_owned())),
+                Does::Lose => {}
+                Does::Fail => {
+                    let task = Task::load(&self.work)?;
+                    for row in task.rows {
+                        put_status(self.work.parent().unwrap(), &format!("r{row}"), "3")?;
+                    }
+                }
+            }
+            Ok("17".to_owned())
+        }
+        fn queued(&self, _: &[Noted]) -> Result<Vec<Queued>> {
+            Ok(Vec::new())
+        }
+        fn ending(&self, _: &str) -> Option<String> {
+            None
+        }
+        fn cancel(&self, _: &[Queued], _: Say) {}
+        fn held_up(&self, _: &[Queued]) -> Vec<String> {
+            Vec::new()
+        }
+    }
+
+    /// Four rows, one a task, in a new folder.
+    fn with<T>(does: &[Does], retries: usize, act: impl Fn(Array, &Fake) -> T) -> T {
+        let folder = tempfile::tempdir().unwrap();
+        let samples = folder.path().join("samples.txt");
+        fs::write(&samples, "description\ta\nr0\t0\nr1\t1\nr2\t2\nr3\t3\n").unwrap();
+        let call = Call {
+            samples,
+            model: "true".to_owned(),
+            dir: folder.path().join("runs"),
+            case: folder.path().to_owned(),
+            limit: Limit::default(),
+            packed: false,
+            scratch: None,
+        };
+        let batch = call.check().unwrap();
+        let does = does.iter().rev().copied().collect();
+        let fake = Fake { work: batch.folder.work(), does: RefCell::new(does), names: RefCell::default() };
+        let cluster = Cluster { retries, poll: Some(0.01), ..Cluster::default() };
+        act(Array { batch, cluster: &cluster, scheduler: &fake, say: &|_| () }, &fake)
+    }
+
+    fn report(outcome: Result<Outcome>) -> Report {
+        match outcome.unwrap() {
+            Outcome::Ended(report) => report,
+            Outcome::Queued(jobs) => panic!("{jobs:?}"),
+        }
+    }
+
+    #[test]
+    fn rows_that_are_lost_three_times_in_a_row_have_failed() {
+        with(&[], 0, |array, fake| {
+            let report = report(array.run());
+            assert_eq!(report.failed.len(), 4);
+            assert!(report.failed.iter().all(|(_, status)| status == "137 LOST"));
+            // Three rounds of two arrays.
+            assert_eq!(fake.names.borrow().len(), 6);
+        });
+    }
+
+    #[test]
+    fn rows_that_fail_are_submitted_again_as_often_as_the_site_allows() {
+        for retries in [0, 2] {
+            with(&[Does::Fail; 6], retries, |array, fake| {
+                assert_eq!(report(array.run()).failed.len(), 4);
+                assert_eq!(fake.names.borrow().len(), 2 * (retries + 1));
+            });
+        }
+    }
+
+    #[test]
+    fn where_the_site_takes_no_more_the_rest_is_submitted_later() {
+        with(&[Does::Fail, Does::Refuse], 0, |array, fake| {
+            assert_eq!(report(array.run()).failed.len(), 4);
+            assert_eq!(fake.names.borrow().len(), 2);
+        });
+    }
+
+    #[test]
+    fn what_is_refused_at_once_is_an_error_and_leaves_nothing_in_the_queue() {
+        with(&[Does::Refuse], 0, |array, fake| {
+            assert_eq!(array.run().unwrap_err().to_string(), "sbatch refused: too many jobs");
+            assert!(!fake.work.join("jobs").exists());
+        });
+    }
+
+    #[test]
+    fn what_may_have_been_taken_stays_noted() {
+        with(&[Does::NoAnswer], 0, |array, fake| {
+            assert!(array.advance().unwrap_err().is::<NoAnswer>());
+            assert_eq!(noted_in(&fake.work.join("jobs")).unwrap().len(), 1);
+        });
+    }
+
+    #[test]
+    fn tasks_share_the_rows() {
+        let task = Task { rows: vec![1, 3, 5, 7, 9], rows_per_task: 2, scratch: None };
+        assert_eq!(
+            [0, 1, 2, 3].map(|number| task.share(number).to_vec()),
+            [vec![1, 3], vec![5, 7], vec![9], vec![]]
+        );
     }
 }
