@@ -34,9 +34,9 @@ use crate::complete::{missing, missing_of};
 use crate::control::{noted_in, quoted};
 use crate::folder::{RunFolder, remove, write};
 use crate::job::Job;
+use crate::process::Termination;
 use crate::publish::put_status;
 use crate::report::{Report, report};
-use crate::process::Termination;
 use crate::row::{Log as RunLog, Outcome as RowOutcome, run_rows};
 use crate::scheduler::{Log, NoAnswer, Noted, Request, Scheduler, Tasks};
 
@@ -116,7 +116,10 @@ impl Array<'_> {
     pub fn run(mut self) -> Result<Outcome> {
         self.batch.folder.lock(self.say)?;
         if self.jobs_file().exists() && self.is_own()? {
-            (self.say)(&format!("{}: waiting for the runs that are in the queue already", self.dir().display()));
+            (self.say)(&format!(
+                "{}: waiting for the runs that are in the queue already",
+                self.dir().display()
+            ));
             self.wait()?;
             self.settle()?;
         }
@@ -146,7 +149,8 @@ impl Array<'_> {
                 return Ok(Outcome::Queued(noted));
             }
             self.settle()?;
-            let is_same = || RunFolder::table(&self.work()).is_ok_and(|table| table.text() == self.batch.table.text());
+            let is_same =
+                || RunFolder::table(&self.work()).is_ok_and(|table| table.text() == self.batch.table.text());
             goes_on = self.idle_file().exists() && is_same();
         }
         let (before, rows) = if goes_on {
@@ -256,7 +260,10 @@ impl Array<'_> {
             tasks,
             after: &after,
             folder: self.dir(),
-            log: Log::Tasks { file: &self.dir().join(format!("{}.log", self.scheduler.engine())), folder: &self.work() },
+            log: Log::Tasks {
+                file: &self.dir().join(format!("{}.log", self.scheduler.engine())),
+                folder: &self.work(),
+            },
         };
         match self.scheduler.submit(&request, self.say) {
             Ok(id) => {
@@ -290,7 +297,10 @@ impl Array<'_> {
             script.push_str(&format!("module load {} || exit 2\n", self.cluster.modules.join(" ")));
         }
         let program = quoted(&self.batch.job.gl_run.display().to_string());
-        script.push_str(&format!("exec {program} task {} \"$1\"\n", quoted(&self.work().display().to_string())));
+        script.push_str(&format!(
+            "exec {program} task {} \"$1\"\n",
+            quoted(&self.work().display().to_string())
+        ));
         script
     }
 
@@ -335,7 +345,9 @@ impl Array<'_> {
             let reason = self.scheduler.ending(task.trim());
             if !self.dir().join(format!("{name}.status")).exists() {
                 put_status(self.dir(), name, &format!("137 {}", reason.as_deref().unwrap_or("KILLED")))?;
-            } else if let Some(reason) = reason.filter(|reason| !matches!(reason.as_str(), "FAILED" | "COMPLETED")) {
+            } else if let Some(reason) =
+                reason.filter(|reason| !matches!(reason.as_str(), "FAILED" | "COMPLETED"))
+            {
                 put_status(self.dir(), name, &format!("137 {reason}"))?;
             }
             remove(&path)?;
@@ -348,7 +360,8 @@ impl Array<'_> {
     fn next_round(&self) -> Result<Vec<usize>> {
         let missing = missing(&self.batch.table, self.dir())?;
         let is_tried = |row: usize| self.batch.file(row, ".status").exists();
-        let (failed, mut lost): (Vec<usize>, Vec<usize>) = missing.into_iter().partition(|&row| is_tried(row));
+        let (failed, mut lost): (Vec<usize>, Vec<usize>) =
+            missing.into_iter().partition(|&row| is_tried(row));
         let submitted = Task::load(&self.work())?.rows.len();
         let idle = if lost.len() < submitted { 0 } else { number_in(&self.idle_file()) + 1 };
         write(&self.idle_file(), format!("{idle}\n").as_bytes())?;
@@ -368,12 +381,13 @@ impl Array<'_> {
     fn note_failures(&self, failed: &[usize]) -> Result<HashMap<usize, usize>> {
         let path = self.work().join("failures");
         let cannot = || format!("{}: cannot be written", path.display());
-        let mut file =
-            OpenOptions::new().create(true).append(true).open(&path).with_context(cannot)?;
+        let mut file = OpenOptions::new().create(true).append(true).open(&path).with_context(cannot)?;
         let lines: String = failed.iter().map(|row| format!("{row}\n")).collect();
         file.write_all(lines.as_bytes()).with_context(cannot)?;
         let mut times = HashMap::new();
-        for row in fs::read_to_string(&path).with_context(cannot)?.lines().filter_map(|line| line.parse().ok()) {
+        for row in
+            fs::read_to_string(&path).with_context(cannot)?.lines().filter_map(|line| line.parse().ok())
+        {
             *times.entry(row).or_insert(0) += 1;
         }
         Ok(times)
@@ -400,7 +414,8 @@ pub fn run_task(work: &Path, first: usize, termination: &Termination) -> Result<
     let task = Task::load(work)?;
     let mut job = Job::load(work)?;
     let table = RunFolder::table(work)?;
-    let index = ["SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID"].iter().find_map(|name| env::var(name).ok());
+    let index =
+        ["SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID"].iter().find_map(|name| env::var(name).ok());
     let index: usize = match &index {
         None => 0,
         Some(text) => text.parse().with_context(|| format!("{text:?} is no number of a task"))?,
@@ -424,14 +439,17 @@ fn task_name() -> String {
     let named = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
     match (named("SLURM_ARRAY_JOB_ID"), named("SLURM_ARRAY_TASK_ID")) {
         (Some(array), Some(index)) => format!("{array}_{index}"),
-        _ => named("SLURM_JOB_ID").or_else(|| named("PBS_JOBID")).unwrap_or_else(|| process::id().to_string()),
+        _ => {
+            named("SLURM_JOB_ID").or_else(|| named("PBS_JOBID")).unwrap_or_else(|| process::id().to_string())
+        }
     }
 }
 
 /// A node's own disk spares the shared file system; what a site calls it differs.
 fn scratch(site: Option<&Path>, work: &Path) -> Result<PathBuf> {
     let named = ["SLURM_TMPDIR", "TMPDIR"].iter().filter_map(|name| env::var_os(name).map(PathBuf::from));
-    let mut folders = site.map(Path::to_owned).into_iter().chain(named).chain([PathBuf::from("/tmp"), work.to_owned()]);
+    let mut folders =
+        site.map(Path::to_owned).into_iter().chain(named).chain([PathBuf::from("/tmp"), work.to_owned()]);
     match folders.find(|folder| tempfile::tempfile_in(folder).is_ok()) {
         Some(folder) => Ok(folder),
         None => bail!("no folder for scratch files: neither a disk of the node nor {}", work.display()),
