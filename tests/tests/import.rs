@@ -12,7 +12,8 @@ fn old() -> Folder {
     let folder = Folder::default();
     let mut samples = "!OMP_NUM_THREADS description key a b \n".to_owned();
     for (j, a) in [0.1, 0.2, 0.3].into_iter().enumerate() {
-        samples += &format!(" 4 line_Iter0_Sample{j}         {j}     {a}000000000e+00     5.0000000000e+00 \n");
+        samples +=
+            &format!(" 4 line_Iter0_Sample{j}         {j}     {a}000000000e+00     5.0000000000e+00 \n");
         folder.write(&format!("old/iter0/line_Iter0_Sample{j}_param.txt"), format!("# a b\n{a} 5.0\n"));
         let run = format!("# x y\n0 5\n1 {}\n2 {}\n", a + 5.0, 2.0 * a + 5.0);
         folder.write(&format!("old/iter0/line_Iter0_Sample{j}_sim.txt"), run);
@@ -32,7 +33,8 @@ fn best(folder: &Folder) -> f64 {
 
 /// Run Python with numpy in the folder; false where there is none.
 fn numpy(folder: &Folder, script: &str) -> bool {
-    if !require("python3") || !Command::new("python3").args(["-c", "import numpy"]).status().unwrap().success()
+    if !require("python3")
+        || !Command::new("python3").args(["-c", "import numpy"]).status().unwrap().success()
     {
         return false;
     }
@@ -46,7 +48,11 @@ fn text_runs_can_be_collected_and_weighed() {
     let folder = old();
     assert!(folder.run("gl-import old new").contains("iter0: 3 samples, 3 runs"));
     let samples = folder.read("new/iter0/samples.txt");
-    assert!(samples.starts_with("description\tkey\ta\tb\nline_Iter0_Sample0\t0\t0.1000000000e+00\t5.0000000000e+00\n"));
+    assert!(
+        samples.starts_with(
+            "description\tkey\ta\tb\nline_Iter0_Sample0\t0\t0.1000000000e+00\t5.0000000000e+00\n"
+        )
+    );
     assert_eq!(folder.read("new/iter0/runs/line_Iter0_Sample1_sim.txt"), "x\ty\n0\t5\n1\t5.2\n2\t5.4\n");
     assert_eq!(folder.read("new/iter0/runs/line_Iter0_Sample1_param.txt"), "a\tb\n0.2\t5.0\n");
     assert_eq!(best(&folder), 0.2);
@@ -121,7 +127,10 @@ fn without_python_a_run_of_numpy_says_what_is_missing() {
         .unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("Sample2.npy: reading .npy needs python3 with numpy; python3 cannot be started"), "{said}");
+    assert!(
+        said.contains("Sample2.npy: reading .npy needs python3 with numpy; python3 cannot be started"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -504,7 +504,10 @@ fn names_cannot_break_out_of_the_svg() {
 fn bad_input_says_what_would_be_right_and_writes_nothing() {
     let folder = calibration();
     let cases = [
-        ("fit -b obs.txt ensemble.txt -o fit.eps", "-o fit.eps: a picture is called NAME.svg, NAME.pdf or NAME.png"),
+        (
+            "fit -b obs.txt ensemble.txt -o fit.eps",
+            "-o fit.eps: a picture is called NAME.svg, NAME.pdf or NAME.png",
+        ),
         ("fit -b obs.txt ensemble.txt -o picture", "-o picture: a picture is called"),
         ("fit -b weights.txt -c u -v f ensemble.txt", "weights.txt:1: no column"),
         ("fit -b obs.txt -v z ensemble.txt", "ensemble.txt:1: no column z"),

@@ -104,7 +104,10 @@ fn symbol(key: Key, x: f64, y: f64) -> Item {
         Key::Area(paint) => area(Rect::new(x, y - 3.0, x + KEY_WIDTH, y + 3.0), paint),
         Key::Band(inside, edge) => {
             let band = Rect::new(x, y - 3.0, x + KEY_WIDTH, y + 3.0);
-            let lines = vec![vec![(x, y - 3.0), (x + KEY_WIDTH, y - 3.0)], vec![(x, y + 3.0), (x + KEY_WIDTH, y + 3.0)]];
+            let lines = vec![
+                vec![(x, y - 3.0), (x + KEY_WIDTH, y - 3.0)],
+                vec![(x, y + 3.0), (x + KEY_WIDTH, y + 3.0)],
+            ];
             let items = vec![area(band, inside), Item::Path { lines, closed: false, paint: edge }];
             Item::Group { class: "key", title: String::new(), clip: None, items }
         }

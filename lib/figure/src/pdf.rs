@@ -14,7 +14,8 @@ use crate::scene::{Anchor, Color, Item, Paint, Point, Rect, Scene};
 
 const FONT: Name = Name(b"DejaVu");
 const BASE_FONT: Name = Name(b"GLPLOT+DejaVuSans");
-const IDENTITY: SystemInfo = SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"Identity"), supplement: 0 };
+const IDENTITY: SystemInfo =
+    SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"Identity"), supplement: 0 };
 
 /// The PDF of a picture, of one page that is as large as it.
 ///
@@ -161,7 +162,11 @@ impl Canvas {
         for line in lines {
             for (i, &point) in line.iter().enumerate() {
                 let (x, y) = self.at(point);
-                if i == 0 { self.content.move_to(x, y) } else { self.content.line_to(x, y) };
+                if i == 0 {
+                    self.content.move_to(x, y)
+                } else {
+                    self.content.line_to(x, y)
+                };
             }
             if closed && !line.is_empty() {
                 self.content.close_path();

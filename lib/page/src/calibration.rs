@@ -105,9 +105,12 @@ impl Calibration {
     /// # Errors
     /// If no iteration is finished, or a table cannot be read.
     pub fn read(folder: &Path) -> Result<Self> {
-        let iterations: Vec<PathBuf> =
-            (0..).map(|i| folder.join(format!("iter{i}"))).take_while(|iteration| iteration.join("stop.txt").exists()).collect();
-        let last = iterations.last().with_context(|| format!("{}: no iteration is finished", folder.display()))?;
+        let iterations: Vec<PathBuf> = (0..)
+            .map(|i| folder.join(format!("iter{i}")))
+            .take_while(|iteration| iteration.join("stop.txt").exists())
+            .collect();
+        let last =
+            iterations.last().with_context(|| format!("{}: no iteration is finished", folder.display()))?;
         let stop = Table::read(&last.join("stop.txt"))?;
         let met = stop.format().column("met")?;
         let tempered = iterations.iter().map(|iteration| Known::read(iteration.join("summary.txt")));
@@ -139,7 +142,9 @@ impl Calibration {
     /// Names of the others: parameters of effects that are off.
     pub fn still(&self) -> Vec<String> {
         let all = self.posterior.summary.parameters.iter();
-        all.filter(|parameter| parameter.shrinkage.is_none()).map(|parameter| parameter.name.clone()).collect()
+        all.filter(|parameter| parameter.shrinkage.is_none())
+            .map(|parameter| parameter.name.clone())
+            .collect()
     }
 
     /// What is known of each parameter that was varied.
@@ -258,7 +263,9 @@ pub fn side_by_side(before: &Calibration, after: &Calibration, prior: &Prior, wi
             with_sd(estimate.mean, estimate.sd),
             old.map_or("-".to_owned(), |old| interval(old.low, old.high)),
             interval(estimate.low, estimate.high),
-            shift.filter(|shift| shift.is_finite()).map_or("-".to_owned(), |shift| format!("{} sd", short(shift))),
+            shift
+                .filter(|shift| shift.is_finite())
+                .map_or("-".to_owned(), |shift| format!("{} sd", short(shift))),
         ]
     };
     ensure!(!after.is_empty(), "no parameter was varied");

@@ -56,11 +56,13 @@ impl Case {
         kept.extend(given.iter().filter(|setting| !kept.contains(setting)).cloned().collect::<Vec<_>>());
         let given = kept;
         let case = Settled::load(folder, &given)?;
-        let engine = match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
-            Some(engine) => engine,
-            None => case.engine(None)?.0,
-        };
-        let test = case.tests.first().with_context(|| format!("{}: no measurement", case.file().display()))?;
+        let engine =
+            match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
+                Some(engine) => engine,
+                None => case.engine(None)?.0,
+            };
+        let test =
+            case.tests.first().with_context(|| format!("{}: no measurement", case.file().display()))?;
         Ok(Self {
             folder: folder.to_owned(),
             file: case.file(),

@@ -155,7 +155,11 @@ impl Content {
         let gap = Gap::gather(case, out, &base, after.as_ref())?;
         let cause = Cause::gather(case, out)?;
         let closed = Closed::gather(case, out, &base, with.as_deref(), after.as_ref())?;
-        let base_stage = Stage::gather(case, &base, "The measurement, the posterior’s mean and 90 % band, and what is left over.")?;
+        let base_stage = Stage::gather(
+            case,
+            &base,
+            "The measurement, the posterior’s mean and 90 % band, and what is left over.",
+        )?;
         let failed = Failed::gather(&base, after.as_ref(), out)?;
         let mut content = Self {
             name: case.name(),
@@ -183,8 +187,10 @@ impl Content {
         let of_gap = self.gap.iter().flat_map(|gap| &gap.verdict);
         let of_cause = self.cause.iter().flat_map(|cause| &cause.verdict);
         let of_shrink = measured.iter().flat_map(|measured| &measured.verdict);
-        let of_unseen =
-            measured.iter().filter_map(|measured| measured.unseen.as_ref()).flat_map(|unseen| &unseen.verdict);
+        let of_unseen = measured
+            .iter()
+            .filter_map(|measured| measured.unseen.as_ref())
+            .flat_map(|unseen| &unseen.verdict);
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
         let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
@@ -266,7 +272,12 @@ impl About {
 }
 
 impl Gap {
-    fn gather(case: &Case, out: &Path, base: &Calibration, after: Option<&Calibration>) -> Result<Option<Self>> {
+    fn gather(
+        case: &Case,
+        out: &Path,
+        base: &Calibration,
+        after: Option<&Calibration>,
+    ) -> Result<Option<Self>> {
         let table = out.join("locate.txt");
         if !table.exists() {
             return Ok(None);
@@ -378,7 +389,8 @@ fn failed_runs(path: &Path) -> Result<Vec<Vec<String>>> {
     let table = Table::read(path)?;
     let columns = ["sample", "status", "detail"].map(|name| table.format().column(name));
     let columns = columns.into_iter().collect::<Result<Vec<_>>>()?;
-    let row = |row: usize| columns.iter().map(|&column| table.field(row, column).to_owned()).collect::<Vec<_>>();
+    let row =
+        |row: usize| columns.iter().map(|&column| table.field(row, column).to_owned()).collect::<Vec<_>>();
     Ok((0..table.len()).map(row).filter(|row| row[1] != "ok").collect())
 }
 
@@ -386,7 +398,13 @@ impl Again {
     fn gather(case: &Case, out: &Path, is_diagnosis: bool, base: &Calibration) -> Self {
         let word = |path: &Path| quoted(&path.display().to_string());
         let mut command = vec![if is_diagnosis { "gl-diagnose" } else { "gl-calibrate" }.to_owned()];
-        command.extend([word(&case.folder), "--engine".to_owned(), case.engine.to_string(), "--out".to_owned(), word(out)]);
+        command.extend([
+            word(&case.folder),
+            "--engine".to_owned(),
+            case.engine.to_string(),
+            "--out".to_owned(),
+            word(out),
+        ]);
         command.extend(case.given.iter().map(|setting| quoted(setting)));
         // Where no criterion ended it, the number of iterations did.
         let is_given = case.given.iter().any(|setting| setting.to_lowercase().starts_with("iterations="));

@@ -60,7 +60,8 @@ impl Grid {
         let is_empty = |j: usize| (0..rows).all(|row| matches!(table.field(row, j), "-" | ""));
         let columns = table.format().columns();
         let kept: Vec<usize> = (0..columns.len()).filter(|&j| rows == 0 || !is_empty(j)).collect();
-        let cells = (0..rows).map(|row| kept.iter().map(|&j| rounded(table.field(row, j))).collect()).collect();
+        let cells =
+            (0..rows).map(|row| kept.iter().map(|&j| rounded(table.field(row, j))).collect()).collect();
         Self::new(kept.iter().map(|&j| columns[j].as_str()), cells)
     }
 

@@ -60,7 +60,8 @@ impl Calibration {
     /// If gl-plot fails.
     pub fn fit(&self, case: &Case, caption: &str) -> Result<Picture> {
         let call = Call::new("gl-plot").with(["fit"]);
-        let call = case.columns(call).option("--units", &case.units).file("-w", &self.file("posterior-weights.txt"));
+        let call =
+            case.columns(call).option("--units", &case.units).file("-w", &self.file("posterior-weights.txt"));
         draw(caption, call.with([self.file("ensemble.txt").display().to_string()]))
     }
 
@@ -88,7 +89,9 @@ impl Calibration {
             pictures.push(draw("Where each iteration searched.", with_samples(weighed("pairs")))?);
         }
         let summaries = |call: Call| {
-            self.iterations.iter().fold(call, |call, folder| call.file("--summary", &folder.join("summary.txt")))
+            self.iterations
+                .iter()
+                .fold(call, |call, folder| call.file("--summary", &folder.join("summary.txt")))
         };
         pictures.push(draw("From iteration to iteration.", summaries(call("history")))?);
         pictures.push(draw(
@@ -103,7 +106,12 @@ impl Calibration {
 ///
 /// # Errors
 /// If gl-plot fails.
-pub fn gap(case: &Case, located: &Path, base: &Calibration, after: Option<(&Path, &Calibration)>) -> Result<Picture> {
+pub fn gap(
+    case: &Case,
+    located: &Path,
+    base: &Calibration,
+    after: Option<(&Path, &Calibration)>,
+) -> Result<Picture> {
     let mut call = case.control_and_noise(Call::new("gl-plot").with(["gap"]));
     call = call
         .option("--units", &case.units)

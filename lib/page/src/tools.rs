@@ -38,10 +38,10 @@ impl Call {
     /// # Errors
     /// If it cannot be started or ends with another code than 0; then with what it said.
     pub fn output(&self) -> Result<String> {
-        let output = Command::new(gl_cli::sibling(self.tool))
-            .args(&self.arguments)
-            .output()
-            .with_context(|| format!("{}: cannot be started; is it installed beside gl-report?", self.tool))?;
+        let output =
+            Command::new(gl_cli::sibling(self.tool)).args(&self.arguments).output().with_context(|| {
+                format!("{}: cannot be started; is it installed beside gl-report?", self.tool)
+            })?;
         let said = String::from_utf8_lossy(&output.stderr);
         ensure!(output.status.success(), "{}", said.trim_end());
         String::from_utf8(output.stdout).with_context(|| format!("{}: its output is no text", self.tool))
@@ -72,7 +72,8 @@ mod tests {
 
     #[test]
     fn a_call_is_shown_as_it_would_be_typed() {
-        let call = Call::new("gl-plot").with(["fit"]).file("-b", Path::new("a b/obs.txt")).option("--noise", "");
+        let call =
+            Call::new("gl-plot").with(["fit"]).file("-b", Path::new("a b/obs.txt")).option("--noise", "");
         assert_eq!(call.to_string(), "gl-plot fit -b 'a b/obs.txt'");
         assert_eq!(quoted("it's"), r"'it'\''s'");
     }

@@ -47,9 +47,8 @@ pub fn moving(weights: Weights) -> Weights {
 /// The parameters that differ between the samples of one of these tables; all where none does.
 pub fn which_move(tables: &[&Weights]) -> Vec<usize> {
     let all = 0..tables.first().map_or(0, |table| table.parameters.len());
-    let differs = |j: &usize| {
-        tables.iter().any(|table| table.values.iter().any(|row| row[*j] != table.values[0][*j]))
-    };
+    let differs =
+        |j: &usize| tables.iter().any(|table| table.values.iter().any(|row| row[*j] != table.values[0][*j]));
     let moves: Vec<usize> = all.clone().filter(differs).collect();
     if moves.is_empty() { all.collect() } else { moves }
 }
@@ -80,7 +79,11 @@ impl Estimate {
     pub fn of(summary: Option<&Summary>, name: &str, values: &[f64], weights: &[f64]) -> Result<Self> {
         let Some(summary) = summary else {
             let quantiles = Quantiles::new(values, weights);
-            return Ok(Self { mean: mean(values, weights), low: quantiles.at(0.05), high: quantiles.at(0.95) });
+            return Ok(Self {
+                mean: mean(values, weights),
+                low: quantiles.at(0.05),
+                high: quantiles.at(0.95),
+            });
         };
         let number = |kind: &str| {
             let quantity = format!("{kind}({name})");

@@ -211,7 +211,8 @@ fn named(clouds: usize) -> Vec<usize> {
 
 impl Data {
     fn legend(&self) -> Vec<(Key, String)> {
-        let cloud = |&i: &usize| (Key::Dot(Dot::among(1, self.clouds[i].color)), self.clouds[i].label.clone());
+        let cloud =
+            |&i: &usize| (Key::Dot(Dot::among(1, self.clouds[i].color)), self.clouds[i].label.clone());
         let mut legend: Vec<(Key, String)> = self.named.iter().map(cloud).collect();
         legend.push((Key::Line(posterior_paint()), "posterior".to_owned()));
         if self.names.len() > 1 {
@@ -243,9 +244,8 @@ impl Data {
     fn draw_single(&self, panel: &mut Panel, j: usize, highest: f64) {
         let at = |i: usize| self.supports[j].value((i as f64 + 0.5) / CELLS_OF_ONE as f64);
         let x: Vec<f64> = (0..CELLS_OF_ONE).map(at).collect();
-        let curve = |density: &[f64]| -> Vec<(f64, f64)> {
-            x.iter().copied().zip(density.iter().copied()).collect()
-        };
+        let curve =
+            |density: &[f64]| -> Vec<(f64, f64)> { x.iter().copied().zip(density.iter().copied()).collect() };
         panel.band("posterior", &x, &vec![0.0; x.len()], &self.marginals[j], outer_paint());
         for (cloud, density) in self.named.iter().map(|&i| &self.clouds[i]).zip(&self.searched[j]) {
             let title = format!("density of {}", cloud.label);
@@ -266,7 +266,8 @@ impl Data {
     fn draw_pair(&self, panel: &mut Panel, i: usize, j: usize) {
         let density = self.joint(i, j);
         let heights = levels(&density, &[0.5, 0.9]);
-        for (height, paint, title) in [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
+        for (height, paint, title) in
+            [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
         {
             let value = |(x, y)| (self.supports[i].value(x), self.supports[j].value(y));
             let outlines: Vec<Vec<(f64, f64)>> = contour::above(&density, CELLS, height)

@@ -17,7 +17,8 @@ use gl_numeric::density::marginal;
 
 use crate::Style;
 use crate::input::{
-    Estimate, Parameters, check_truth, column, lightest_first, only, read_step_weights, stem, which_move, within,
+    Estimate, Parameters, check_truth, column, lightest_first, only, read_step_weights, stem, which_move,
+    within,
 };
 
 /// Weights against each parameter, and the marginals with their 90 % intervals
@@ -216,7 +217,8 @@ fn layout(figure: &Figure, stages: &[Stage], row: &[Column], columns: usize) -> 
     let first = figure.y + range + if stages.len() == 1 { 2.0 } else { 9.0 };
     let mut tops: Vec<f64> = (0..stages.len()).map(|i| first + (row_height + heading) * i as f64).collect();
     tops.push(first + (row_height + heading) * stages.len() as f64 + HEADING - heading);
-    let beside = stages.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
+    let beside =
+        stages.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
     Layout { tops, row_height, beside, columns }
 }
 
@@ -350,7 +352,10 @@ fn legend(stages: &[Stage], columns: &[Column]) -> Vec<(Key, String)> {
         legend.push((Key::Line(prior_paint()), "prior".to_owned()));
     }
     if columns.iter().any(Column::shows_range) {
-        legend.push((Key::Line(Paint::line(color::BLUE, 3.5)), "the part of its range that is shown".to_owned()));
+        legend.push((
+            Key::Line(Paint::line(color::BLUE, 3.5)),
+            "the part of its range that is shown".to_owned(),
+        ));
     }
     if columns.iter().any(|column| column.prior.is_some() && !column.is_part) {
         legend.push((Key::Line(bound_paint()), "bounds".to_owned()));
