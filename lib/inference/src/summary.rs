@@ -85,6 +85,34 @@ quantities! {
     best_misfit_over_noise,
     /// Natural logarithm of the evidence.
     ln_evidence,
+    /// Number of draws, where the posterior was sampled through an emulator; so are all that follow.
+    draws,
+    /// Standard deviation of ln likelihood by what the emulator does not know.
+    ignorance,
+    /// Error of the emulator on runs near the posterior, each left out, in standard deviations of the noise.
+    rmse,
+    /// What the emulator's variance was multiplied by.
+    calibration,
+    /// Share of the simulation's scatter that the measurement has too.
+    scatter,
+    /// Factor on the noise that was stated.
+    inflation,
+    /// Largest correlation of an observable's noise from step to step.
+    correlation,
+    /// Independent readings among the residuals of the best fit.
+    independent_readings,
+    /// χ² of the best fit under the noise as stated.
+    chi_square,
+    /// Its degrees of freedom.
+    chi_square_degrees,
+    /// Probability of a larger one.
+    chi_square_p,
+    /// Number of runs in the newest batch.
+    proof_runs,
+    /// Their errors in standard deviations of what was predicted.
+    proof_z,
+    /// Probability of errors at least as large.
+    proof_p,
 }
 
 /// What is known of one parameter. A quantity is absent where it is not known.
@@ -387,8 +415,6 @@ impl Evidence<'_> {
             failed: Some(self.failed as f64),
             sigma: Some(self.weighting.sigma),
             sigma_noise: Some(self.noise.posterior(self.runs)?.sigma),
-            sigma_min: None,
-            sigma_tol: None,
             ess: Some(ess_runs / n),
             ess_runs: Some(ess_runs),
             ensemble_error: Some(mean(self.errors, &weights)),
@@ -397,6 +423,7 @@ impl Evidence<'_> {
             best_misfit_over_noise: Some(misfit / self.expected[best]).filter(|_| self.expected[best] > 0.0),
             ln_evidence: Some(self.weighting.ln_evidence),
             parameters: self.parameters.iter().enumerate().map(summarise).collect(),
+            ..Summary::default()
         })
     }
 }
