@@ -1,5 +1,6 @@
 //! The loop of a calibration: iterations of samples, runs, weights, until a criterion is met.
 
+pub(crate) mod draws;
 pub(crate) mod emulated;
 pub(crate) mod iteration;
 
@@ -12,7 +13,6 @@ use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
 use crate::check;
-use crate::columns::runs_an_iteration;
 use crate::step::{Call, Runner, copy, join, show};
 use crate::{Progress, words};
 use iteration::{Iteration, Setting};
@@ -45,7 +45,9 @@ pub fn from_one(text: &str) -> Result<usize> {
 }
 
 /// Calibrate a case. The folder gets `iter0`, `iter1`, … with the tables of each iteration, and at the end
-/// `ensemble.txt` with all runs, `posterior-weights.txt` with their weights and `posterior.txt` with what these say.
+/// `ensemble.txt` with all runs, `posterior-weights.txt` with draws through an emulator or the weights of the runs,
+/// `posterior.txt` with what these say, and `posterior-runs-weights.txt` and `posterior-runs.txt` with the same of
+/// the real runs alone.
 ///
 /// # Errors
 /// If the case is wrong, or a step fails.
@@ -61,7 +63,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         case: &case,
         test: &case.tests[0],
         runs: Some((engine, model)),
-        num: runs_an_iteration(&case, &prior),
+        prior: &prior,
         settings: Some(settings),
         wait: !limits.no_wait,
         runner: &runner,
@@ -108,8 +110,14 @@ fn finish(out: &Path, last: usize) -> Result<()> {
     join(&ensembles, &whole, None)?;
     copy(&whole, &out.join("ensemble.txt"))?;
     std::fs::remove_file(&whole)?;
-    for table in ["posterior-weights.txt", "posterior.txt"] {
-        copy(&out.join(format!("iter{last}")).join(table), &out.join(table))?;
+    let folder = out.join(format!("iter{last}"));
+    for (table, of_runs) in
+        [("posterior-weights.txt", "posterior-runs-weights.txt"), ("posterior.txt", "posterior-runs.txt")]
+    {
+        copy(&folder.join(table), &out.join(table))?;
+        // Where the weights of the runs are the posterior, they are both.
+        let beside = folder.join(of_runs);
+        copy(if beside.exists() { &beside } else { &folder.join(table) }.as_path(), &out.join(of_runs))?;
     }
     Ok(())
 }

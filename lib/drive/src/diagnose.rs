@@ -6,7 +6,7 @@ mod design;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::{Case, Engine};
+use gl_case::{Case, Engine, Posterior};
 use gl_gap::attribute::winner::winning_effects;
 use gl_inference::prior::Prior;
 use gl_table::{Table, TableWriter};
@@ -80,6 +80,10 @@ impl Diagnosis<'_> {
         call = call.flag("--engine", self.engine.name()).flag("--out", out);
         if !self.wait {
             call = call.arg("--no-wait");
+        }
+        if self.case.posterior == Posterior::Emulator {
+            // What comes after weighs curves of real runs, scatter and all.
+            call = call.arg("posterior=weights");
         }
         call = call.args(&self.request.given);
         if let Some(effects) = effects {
