@@ -1,6 +1,7 @@
 //! Helpers for tests that run the real binaries.
 
 pub mod calibration;
+pub mod coverage;
 pub mod folder;
 pub mod line;
 pub mod packed;

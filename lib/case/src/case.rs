@@ -77,8 +77,10 @@ impl Test {
 /// What the posterior is read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Posterior {
-    /// An emulator of the runs helps to find and to weigh samples.
+    /// Draws through an emulator of the runs.
     Emulator,
+    /// The weights of real runs, with emulated samples between the iterations to draw the next ones from.
+    Weights,
     /// The weights of the real runs alone.
     Runs,
 }
@@ -143,6 +145,10 @@ pub struct Case {
 /// Emulated samples a round where nothing else is said.
 const EMULATED: u64 = 1000;
 
+/// Iterations at the most where nothing else is said: of batches through an emulator, and of others.
+const BATCHES: usize = 30;
+const ITERATIONS: usize = 10;
+
 impl Case {
     /// Name of the file.
     pub const FILE: &str = "case.toml";
@@ -202,7 +208,12 @@ impl Case {
         let name =
             file.name.with_context(|| lacks(source, "name", "the first part of the names of the runs"))?;
         let emulated = file.emulated.unwrap_or(EMULATED);
-        let is_of_runs = emulated == 0 || file.posterior.as_deref() == Some("runs");
+        let posterior = match (file.posterior.as_deref(), file.emulated) {
+            (Some("runs"), _) | (_, Some(0)) => Posterior::Runs,
+            (Some("weights"), _) | (None, Some(_)) => Posterior::Weights,
+            _ => Posterior::Emulator,
+        };
+        let iterations = if posterior == Posterior::Emulator { BATCHES } else { ITERATIONS };
         Ok(Self {
             folder: folder.to_owned(),
             name,
@@ -210,15 +221,15 @@ impl Case {
             units: file.units.unwrap_or_default(),
             truth: file.truth.unwrap_or_default(),
             num: file.num.map(usize::from),
-            iterations: file.iterations.map_or(10, usize::from),
+            iterations: file.iterations.map_or(iterations, usize::from),
             seed: file.seed.unwrap_or(0),
             tolerances: file.tolerances,
             max_failed: file.max_failed.unwrap_or(0.5),
             threads: file.threads.map(usize::from),
             packed: file.packed,
             ess: file.ess.unwrap_or(0.2),
-            posterior: if is_of_runs { Posterior::Runs } else { Posterior::Emulator },
-            emulated: if is_of_runs { 0 } else { usize::try_from(emulated)? },
+            posterior,
+            emulated: if posterior == Posterior::Runs { 0 } else { usize::try_from(emulated)? },
             sampling: file.sampling.unwrap_or_else(|| "mixture".to_owned()),
             components: file.components.map(usize::from),
             covariance: file.covariance,

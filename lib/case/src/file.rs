@@ -94,7 +94,7 @@ fn covariance<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Strin
 }
 
 fn posterior<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
-    word(deserializer, &["emulator", "runs"])
+    word(deserializer, &["emulator", "weights", "runs"])
 }
 
 fn measurement<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<String>>, D::Error> {

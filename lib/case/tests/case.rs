@@ -38,7 +38,7 @@ fn a_case_is_what_its_file_says() {
     );
     assert_eq!(test.observable_names(), ["f", "t"]);
     assert_eq!(test.noise, [("f".to_owned(), 0.005), ("t".to_owned(), 1.0)]);
-    assert_eq!((case.num, case.iterations, case.seed), (Some(30), 10, 0));
+    assert_eq!((case.num, case.iterations, case.seed), (Some(30), 30, 0));
     assert_eq!((case.posterior, case.emulated), (Posterior::Emulator, 1000));
     assert_eq!(case.params(), Path::new("case/params.txt"));
 }
@@ -52,7 +52,15 @@ fn what_is_given_for_a_call_wins_in_any_case_and_in_short() {
     assert_eq!(case.tests[0].steps.as_deref(), Some("0:40"));
     assert_eq!(case.effects, ["a", "b"]);
     assert_eq!(case.tolerances.sigma, Some(0.5));
-    assert_eq!(case.posterior, Posterior::Runs);
+    assert_eq!((case.posterior, case.emulated, case.iterations), (Posterior::Runs, 0, 10));
+    for (given, posterior) in [
+        ("posterior=runs", Posterior::Runs),
+        ("posterior=weights", Posterior::Weights),
+        ("posterior=emulator", Posterior::Emulator),
+        ("emulated=500", Posterior::Weights),
+    ] {
+        assert_eq!(parse(COLLISION, &[given]).unwrap().posterior, posterior, "{given}");
+    }
     let case = parse(COLLISION, &["noise={f=1,t=2}", "effects=", "measurement=offset", "packed=1"]).unwrap();
     assert_eq!(case.tests[0].noise[1].1, 2.0);
     assert!(case.effects.is_empty());

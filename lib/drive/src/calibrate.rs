@@ -1,16 +1,18 @@
 //! The loop of a calibration: iterations of samples, runs, weights, until a criterion is met.
 
+pub(crate) mod draws;
 pub(crate) mod emulated;
 pub(crate) mod iteration;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
 use crate::check;
-use crate::columns::runs_an_iteration;
 use crate::step::{Call, Runner, copy, join, show};
 use crate::{Progress, words};
 use iteration::{Iteration, Setting};
@@ -43,7 +45,9 @@ pub fn from_one(text: &str) -> Result<usize> {
 }
 
 /// Calibrate a case. The folder gets `iter0`, `iter1`, … with the tables of each iteration, and at the end
-/// `ensemble.txt` with all runs, `posterior-weights.txt` with their weights and `posterior.txt` with what these say.
+/// `ensemble.txt` with all runs, `posterior-weights.txt` with draws through an emulator or the weights of the runs,
+/// `posterior.txt` with what these say, and `posterior-runs-weights.txt` and `posterior-runs.txt` with the same of
+/// the real runs alone.
 ///
 /// # Errors
 /// If the case is wrong, or a step fails.
@@ -51,6 +55,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
+    let _lock = alone(&out, "gl-calibrate")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
@@ -58,7 +63,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         case: &case,
         test: &case.tests[0],
         runs: Some((engine, model)),
-        num: runs_an_iteration(&case, &prior),
+        prior: &prior,
         settings: Some(settings),
         wait: !limits.no_wait,
         runner: &runner,
@@ -90,6 +95,14 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     Ok(Progress::Finished)
 }
 
+/// The folder for this driver alone. One that was killed leaves steps that end soon.
+///
+/// # Errors
+/// If another driver works there.
+pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
+    OutLock::take_within(out, tool, Duration::from_secs(2), &|text| gl_cli::note(tool, text))
+}
+
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
 fn finish(out: &Path, last: usize) -> Result<()> {
     let ensembles: Vec<PathBuf> = (0..=last).map(|i| out.join(format!("iter{i}/ensemble.txt"))).collect();
@@ -97,8 +110,14 @@ fn finish(out: &Path, last: usize) -> Result<()> {
     join(&ensembles, &whole, None)?;
     copy(&whole, &out.join("ensemble.txt"))?;
     std::fs::remove_file(&whole)?;
-    for table in ["posterior-weights.txt", "posterior.txt"] {
-        copy(&out.join(format!("iter{last}")).join(table), &out.join(table))?;
+    let folder = out.join(format!("iter{last}"));
+    for (table, of_runs) in
+        [("posterior-weights.txt", "posterior-runs-weights.txt"), ("posterior.txt", "posterior-runs.txt")]
+    {
+        copy(&folder.join(table), &out.join(table))?;
+        // Where the weights of the runs are the posterior, they are both.
+        let beside = folder.join(of_runs);
+        copy(if beside.exists() { &beside } else { &folder.join(table) }.as_path(), &out.join(of_runs))?;
     }
     Ok(())
 }

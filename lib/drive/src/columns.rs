@@ -1,7 +1,8 @@
 use std::path::Path;
 
 use anyhow::Result;
-use gl_case::{Case, Test};
+use gl_case::{Case, Posterior, Test};
+use gl_inference::design::{batch_runs, first_runs};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 
@@ -53,9 +54,20 @@ pub(crate) fn varied(prior: &Prior, effects: &[String]) -> usize {
     prior.parameters().iter().filter(|parameter| is_in(&parameter.effect)).count()
 }
 
-/// Runs an iteration: as the case says, else ten a parameter and ten more.
-pub(crate) fn runs_an_iteration(case: &Case, prior: &Prior) -> usize {
-    case.num.unwrap_or_else(|| 10 * (varied(prior, &case.effects) + 1))
+/// Runs of an iteration: as the case says. Else, through an emulator, a few a parameter in the first one and small
+/// batches after it; by weights, ten a parameter and ten more.
+pub(crate) fn runs_of_iteration(case: &Case, prior: &Prior, number: usize) -> usize {
+    let parameters = varied(prior, &case.effects);
+    case.num.unwrap_or_else(|| match (case.posterior, number) {
+        (Posterior::Emulator, 0) => first_runs(parameters),
+        (Posterior::Emulator, _) => batch_runs(parameters),
+        _ => weighed_runs(parameters),
+    })
+}
+
+/// Runs of an iteration by weights, where the case says nothing.
+pub(crate) fn weighed_runs(parameters: usize) -> usize {
+    10 * (parameters + 1)
 }
 
 /// Runs of a design in all: as the case says, else 25 for each parameter, those of effects too.

@@ -6,13 +6,14 @@ mod design;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::{Case, Engine};
+use gl_case::{Case, Engine, Posterior};
 use gl_gap::attribute::winner::winning_effects;
 use gl_inference::prior::Prior;
 use gl_table::{Table, TableWriter};
 
 use crate::Progress;
 use crate::arguments::Request;
+use crate::calibrate::alone;
 use crate::check;
 use crate::columns::measurement;
 use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};
@@ -38,6 +39,7 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
+    let _lock = alone(&out, "gl-diagnose")?;
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
@@ -78,6 +80,10 @@ impl Diagnosis<'_> {
         call = call.flag("--engine", self.engine.name()).flag("--out", out);
         if !self.wait {
             call = call.arg("--no-wait");
+        }
+        if self.case.posterior == Posterior::Emulator {
+            // What comes after weighs curves of real runs, scatter and all.
+            call = call.arg("posterior=weights");
         }
         call = call.args(&self.request.given);
         if let Some(effects) = effects {

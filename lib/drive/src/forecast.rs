@@ -11,7 +11,7 @@ use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
 use crate::check::counted;
-use crate::columns::{runs_an_iteration, runs_of_design};
+use crate::columns::{runs_of_design, runs_of_iteration};
 
 /// What there is to do.
 pub(crate) struct Plan<'a> {
@@ -36,7 +36,8 @@ struct Measured {
 impl Plan<'_> {
     /// Runs of a calibration at the most.
     pub(crate) fn calibration(&self) -> usize {
-        runs_an_iteration(self.case, self.prior) * self.case.iterations
+        let of = |number| runs_of_iteration(self.case, self.prior, number);
+        of(0) + (self.case.iterations - 1) * of(1)
     }
 
     /// Runs of a diagnosis at the most: two calibrations and the design.
@@ -49,13 +50,14 @@ impl Plan<'_> {
     /// # Errors
     /// If a folder of results cannot be read.
     pub(crate) fn forecast(&self, out: &Path, diagnosis: &Path, verdicts: &mut Verdicts) -> Result<()> {
-        let num = runs_an_iteration(self.case, self.prior);
+        let [first, num] = [0, 1].map(|number| runs_of_iteration(self.case, self.prior, number));
+        let begins = if first == num { String::new() } else { format!("{first} and then ") };
         let (most, all) = (self.calibration(), self.diagnosis());
         verdicts.add(
             "runs",
             most,
             format!(
-                "a calibration takes {} an iteration, {} at the most: {} at the most",
+                "a calibration takes {begins}{} an iteration, {} at the most: {} at the most",
                 counted(num, "run"),
                 counted(self.case.iterations, "iteration"),
                 counted(most, "run")

@@ -9,7 +9,6 @@ use crate::arguments::Request;
 use crate::calibrate::iteration::{Iteration, Setting};
 use crate::calibrate::say;
 use crate::check;
-use crate::columns::runs_an_iteration;
 use crate::step::{Runner, copy, make_folder, show};
 use crate::words;
 use gl_inference::prior::Prior;
@@ -29,13 +28,10 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
     ensure!(runs.is_dir(), "{}: no such folder of runs", runs.display());
     let out = request.folder("")?;
     let folder = out.join(format!("iter{number}"));
-    let proposal = folder.join("proposal.txt");
-    ensure!(
-        number == 0 || proposal.exists(),
-        "{}: not there; do iteration {} first",
-        proposal.display(),
-        number.saturating_sub(1)
-    );
+    let before = number.checked_sub(1).map(|before| (before, out.join(format!("iter{before}/stop.code"))));
+    if let Some((before, done)) = before {
+        ensure!(done.exists(), "{}: not there; do iteration {before} first", done.display());
+    }
     let runner = Runner::new(&out)?;
     make_folder(&folder)?;
     place(samples, &folder.join("samples.txt"))?;
@@ -47,7 +43,7 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
         case: &case,
         test: &case.tests[0],
         runs: None,
-        num: runs_an_iteration(&case, &prior),
+        prior: &prior,
         settings: None,
         wait: true,
         runner: &runner,

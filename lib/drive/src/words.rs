@@ -19,16 +19,23 @@ pub(crate) fn known(value: Option<f64>) -> f64 {
 pub fn iteration(number: usize, folder: &Path) -> Result<String> {
     let tempered = Summary::read(&folder.join("summary.txt"))?;
     let posterior = Summary::read(&folder.join("posterior.txt"))?;
-    let mut line = format!(
-        "iteration {number}: {} runs, {} failed; sigma {} (noise {}), ess {} of the runs; error {}, best {};",
-        known(tempered.runs),
-        known(tempered.failed),
-        rounded(known(tempered.sigma), 3),
-        rounded(known(tempered.sigma_noise), 3),
-        rounded(known(tempered.ess), 2),
-        rounded(known(tempered.ensemble_error), 3),
-        rounded(known(tempered.best_error), 3)
-    );
+    let counts = format!("iteration {number}: {} runs, {} failed", known(tempered.runs), known(tempered.failed));
+    let mut line = match tempered.ignorance {
+        Some(ignorance) => format!(
+            "{counts}; the emulator leaves {} of ln likelihood open; error {}, best run {};",
+            rounded(ignorance, 2),
+            rounded(known(tempered.ensemble_error), 3),
+            rounded(known(tempered.best_error), 3)
+        ),
+        None => format!(
+        "{counts}; sigma {} (noise {}), ess {} of the runs; error {}, best {};",
+            rounded(known(tempered.sigma), 3),
+            rounded(known(tempered.sigma_noise), 3),
+            rounded(known(tempered.ess), 2),
+            rounded(known(tempered.ensemble_error), 3),
+            rounded(known(tempered.best_error), 3)
+        ),
+    };
     // A parameter of an effect that is off does not vary.
     for (j, parameter) in posterior.varied().enumerate() {
         let (mean, sd) = (rounded(known(parameter.mean), 5), rounded(known(parameter.sd), 2));
@@ -48,13 +55,16 @@ pub fn posterior(file: &Path) -> Result<String> {
         let cells = [of.mean, of.sd, of.q05, of.q95, of.best].map(|value| rounded(known(value), 5));
         text += &row(&of.name, cells);
     }
+    let runs = known(summary.runs);
+    let rests = match summary.draws {
+        Some(draws) => format!("the posterior is {draws} draws through an emulator of {runs} runs"),
+        None => format!("the posterior rests on {} of {runs} runs", rounded(known(summary.ess_runs), 3)),
+    };
     let _ = writeln!(
         text,
-        "\nbest run {}, error {} of the range; the posterior rests on {} of {} runs, {} failed",
+        "\nbest run {}, error {} of the range; {rests}, {} failed",
         summary.best_sample.as_deref().unwrap_or("-"),
         rounded(known(summary.best_error), 3),
-        rounded(known(summary.ess_runs), 3),
-        known(summary.runs),
         known(summary.failed)
     );
     Ok(text)

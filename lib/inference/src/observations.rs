@@ -77,6 +77,17 @@ impl Observations {
         self.control.len()
     }
 
+    /// The measurement at the steps of a range.
+    pub fn part(&self, steps: std::ops::Range<usize>) -> Self {
+        let cut = |values: &Vec<f64>| values[steps.clone()].to_vec();
+        Self {
+            control: cut(&self.control),
+            values: self.values.iter().map(cut).collect(),
+            sd: self.sd.iter().map(|sd| sd.as_ref().map(cut)).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Range of each observable over all steps, shape (observables,).
     pub fn ranges(&self) -> Vec<f64> {
         self.values.iter().map(|values| range(values)).collect()

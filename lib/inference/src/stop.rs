@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use gl_table::verdict::Verdicts;
 use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::summary::Summary;
 
@@ -35,11 +36,14 @@ pub struct Criterion {
     /// Whether it has.
     #[serde(rename = "met", serialize_with = "yes_no")]
     pub is_met: bool,
+    /// Whether it is no reason by itself: only where all of these are met is there one, `settled`.
+    #[serde(skip)]
+    pub is_part: bool,
 }
 
 impl Criterion {
     fn new(name: &str, value: f64, tolerance: f64, is_met: bool) -> Self {
-        Self { name: name.to_owned(), value, tolerance, is_met }
+        Self { name: name.to_owned(), value, tolerance, is_met, is_part: false }
     }
 }
 
@@ -82,7 +86,9 @@ pub fn criteria(
     below("sigma", summary.sigma, tolerances.sigma.or(summary.sigma_tol))?;
     below("ensemble_error", summary.ensemble_error, tolerances.ensemble_error)?;
     below("best_error", summary.best_error, tolerances.error)?;
-    if let Some(tolerance) = summary.sigma_min.or(summary.sigma_noise) {
+    if summary.draws.is_some() {
+        criteria.extend(settled(summary, previous));
+    } else if let Some(tolerance) = summary.sigma_min.or(summary.sigma_noise) {
         let value = known("sigma", summary.sigma)?;
         // Tempering that went below the noise, for want of a floor, has not come to rest on it.
         let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous);
@@ -96,6 +102,59 @@ pub fn criteria(
         criteria.push(Criterion::new("iterations", value, tolerance, value >= tolerance));
     }
     Ok(criteria)
+}
+
+/// Of the standard deviation of ln likelihood within the posterior by what the emulator does not know.
+const IGNORANCE: f64 = 0.5;
+
+/// Of the change of a mean since the batch before, in standard deviations.
+const SHIFT: f64 = 0.3;
+
+/// Of the change of a standard deviation since the batch before, as |ln ratio|.
+const SPREAD: f64 = 0.2;
+
+/// Of the errors of the newest batch, in standard deviations of what was predicted.
+const PROOF: f64 = 2.0;
+
+/// Probability from which errors of the newest batch are chance, however large.
+const CHANCE: f64 = 0.01;
+
+/// Whether a posterior through an emulator is settled and proven: what the emulator does not know hardly
+/// changes the likelihood, mean and standard deviation have moved little since the batch before, and the
+/// newest batch is as it was predicted.
+fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
+    let (mut shift, mut spread) = (f64::INFINITY, f64::INFINITY);
+    if let Previous::Iteration(before) = previous {
+        (shift, spread) = (0.0, 0.0);
+        for now in summary.varied() {
+            let then = before.parameter(&now.name);
+            let of = |parameter: Option<&crate::summary::ParameterSummary>| {
+                parameter.and_then(|p| Some((p.mean?, p.sd?))).unwrap_or((f64::NAN, f64::NAN))
+            };
+            let ((mean, sd), (mean_then, sd_then)) = (of(Some(now)), of(then));
+            let moved = (mean - mean_then).abs() / sd.max(sd_then).max(f64::MIN_POSITIVE);
+            let widened = (sd.max(f64::MIN_POSITIVE) / sd_then.max(f64::MIN_POSITIVE)).ln().abs();
+            // NaN, of a parameter that was not there, is no small change.
+            shift = if moved <= shift { shift } else { moved };
+            spread = if widened <= spread { spread } else { widened };
+        }
+    }
+    let part = |name: &str, value: f64, tolerance: f64, is_met: bool| Criterion {
+        is_part: true,
+        ..Criterion::new(name, value.min(1e6), tolerance, is_met)
+    };
+    let below = |name, value: f64, tolerance| part(name, value, tolerance, value <= tolerance);
+    let z = summary.proof_z.unwrap_or(f64::INFINITY);
+    let is_chance = summary.proof_p.is_some_and(|p| p >= CHANCE);
+    let mut parts = vec![
+        below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), IGNORANCE),
+        below("shift", shift, SHIFT),
+        below("spread", spread, SPREAD),
+        part("proof", z, PROOF, z <= PROOF || is_chance),
+    ];
+    let open = parts.iter().filter(|part| !part.is_met).count();
+    parts.push(Criterion::new("settled", open as f64, 0.0, open == 0));
+    parts
 }
 
 /// Share of its value before, below which an estimated noise is still falling.
@@ -120,15 +179,15 @@ const BAD_ERROR: f64 = 0.1;
 /// deviation is known to a fifth.
 const BLIND: f64 = 0.5;
 
-/// The best run misfits by more than so many times what the noise explains: the fit is bad.
-const BAD_MISFIT: f64 = 2.0;
+/// Probability below which a χ² is too large or too small to be chance.
+const UNLIKELY: f64 = 0.002;
 
 /// What a calibration that stops by `criteria` concludes, a row a conclusion: `stop`, and then what speaks
 /// against trusting it: `single-sample`, `sigma-above-noise`, `bad-fit`, `few-runs`, `blind` and `leans`.
 /// Nothing where no criterion is met.
 pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
     let mut verdicts = Verdicts::default();
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name.as_str()).collect();
+    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met && !c.is_part).map(|c| c.name.as_str()).collect();
     if met.is_empty() {
         return verdicts;
     }
@@ -154,21 +213,8 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
             format!("sigma is still {times:.3} times that of the noise: the posterior may change with more iterations"),
         );
     }
-    if let Some(error) = summary.best_error.filter(|error| *error > BAD_ERROR) {
-        verdicts.add(
-            "bad-fit",
-            error,
-            format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error),
-        );
-    }
-    if let Some(times) = summary.best_misfit_over_noise.filter(|times| *times > BAD_MISFIT) {
-        verdicts.add(
-            "bad-fit",
-            times,
-            format!("the fit is bad: the best run misfits by {times:.1} times what the noise explains"),
-        );
-    }
-    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 3.0) {
+    fit_verdicts(summary, &mut verdicts);
+    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 3.0 && summary.draws.is_none()) {
         verdicts.add(
             "few-runs",
             runs,
@@ -177,6 +223,46 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
     }
     parameter_verdicts(summary, &mut verdicts);
     verdicts
+}
+
+/// Whether the fit is as good as the noise allows.
+fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
+    let error = if summary.draws.is_some() { summary.ensemble_error } else { summary.best_error };
+    let test = chi_square(summary);
+    // Draws are held against their noise, whatever that makes of the range.
+    let is_tested = summary.draws.is_some() && test.is_some();
+    if let Some(error) = error.filter(|error| *error > BAD_ERROR && !is_tested) {
+        let who = if summary.draws.is_some() { "the draws miss" } else { "the best run misses" };
+        verdicts.add(
+            "bad-fit",
+            error,
+            format!("the fit is bad: {who} by {:.0} % of the range", 100.0 * error),
+        );
+    }
+    let Some((value, degrees, p)) = test else { return };
+    let on = format!("χ² {value:.0} on {degrees:.0} degrees of freedom");
+    if p < UNLIKELY {
+        let text = format!("the fit is bad: {on}, which noise alone exceeds with a probability of {p:.1e}");
+        verdicts.add("bad-fit", value / degrees, text);
+    } else if 1.0 - p < UNLIKELY {
+        let text = format!("the fit is better than the noise explains: {on}; is the noise smaller than stated?");
+        verdicts.add("noise-too-large", value / degrees, text);
+    }
+}
+
+/// χ² of the best fit where the noise is known, its degrees of freedom, and the probability of a larger one:
+/// readings, less as many as the parameters that the measurement decides, Σ shrinkage.
+fn chi_square(summary: &Summary) -> Option<(f64, f64, f64)> {
+    if let (Some(value), Some(degrees), Some(p)) =
+        (summary.chi_square, summary.chi_square_degrees, summary.chi_square_p)
+    {
+        return Some((value, degrees, p));
+    }
+    let (value, times) = (summary.best_misfit?, summary.best_misfit_over_noise?);
+    let decided: f64 = summary.varied().filter_map(|p| p.shrinkage).map(|s| s.clamp(0.0, 1.0)).sum();
+    let degrees = (value / times - decided).max(1.0);
+    let law = ChiSquared::new(degrees).ok()?;
+    (times > 0.0 && degrees.is_finite()).then(|| (value, degrees, law.sf(value)))
 }
 
 /// What the measurement could not tell, and what leans on a bound.

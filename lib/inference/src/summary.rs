@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -85,6 +85,34 @@ quantities! {
     best_misfit_over_noise,
     /// Natural logarithm of the evidence.
     ln_evidence,
+    /// Number of draws, where the posterior was sampled through an emulator; so are all that follow.
+    draws,
+    /// Standard deviation of ln likelihood by what the emulator does not know.
+    ignorance,
+    /// Error of the emulator on runs near the posterior, each left out, in standard deviations of the noise.
+    rmse,
+    /// What the emulator's variance was multiplied by.
+    calibration,
+    /// Share of the simulation's scatter that the measurement has too.
+    scatter,
+    /// Factor on the noise that was stated.
+    inflation,
+    /// Largest correlation of an observable's noise from step to step.
+    correlation,
+    /// Independent readings among the residuals of the best fit.
+    independent_readings,
+    /// χ² of the best fit under the noise as stated.
+    chi_square,
+    /// Its degrees of freedom.
+    chi_square_degrees,
+    /// Probability of a larger one.
+    chi_square_p,
+    /// Number of runs in the newest batch.
+    proof_runs,
+    /// Their errors in standard deviations of what was predicted.
+    proof_z,
+    /// Probability of errors at least as large.
+    proof_p,
 }
 
 /// What is known of one parameter. A quantity is absent where it is not known.
@@ -194,22 +222,28 @@ impl Summary {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, path: Option<&Path>) -> Result<()> {
-        let mut rows = Vec::new();
-        let mut add = |quantity: String, value: Option<f64>| {
+        let mut rows: Vec<Row> = Vec::new();
+        let mut add = |quantity: String, value: Option<f64>| -> Result<()> {
             if let Some(value) = value {
+                ensure!(value.is_finite(), "{quantity}: the result is {value}, beyond what a number can say");
                 let mut text = Vec::new();
                 push_number(&mut text, value);
                 rows.push(Row { quantity, value: String::from_utf8_lossy(&text).into_owned() });
             }
+            Ok(())
         };
-        Self::QUANTITIES.iter().for_each(|name| add((*name).to_owned(), self.quantity(name)));
+        for name in Self::QUANTITIES {
+            add((*name).to_owned(), self.quantity(name))?;
+        }
         for parameter in &self.parameters {
             for kind in ParameterSummary::KINDS {
-                add(format!("{kind}({})", parameter.name), parameter.quantity(kind));
+                add(format!("{kind}({})", parameter.name), parameter.quantity(kind))?;
             }
         }
         if let Some(sample) = &self.best_sample {
-            rows.push(Row { quantity: "best_sample".to_owned(), value: sample.clone() });
+            // Beside what else is said of the run that fits best.
+            let place = rows.iter().rposition(|row| row.quantity.starts_with("best_")).map_or(0, |place| place + 1);
+            rows.insert(place, Row { quantity: "best_sample".to_owned(), value: sample.clone() });
         }
         write_rows(path, &rows)
     }
@@ -387,8 +421,6 @@ impl Evidence<'_> {
             failed: Some(self.failed as f64),
             sigma: Some(self.weighting.sigma),
             sigma_noise: Some(self.noise.posterior(self.runs)?.sigma),
-            sigma_min: None,
-            sigma_tol: None,
             ess: Some(ess_runs / n),
             ess_runs: Some(ess_runs),
             ensemble_error: Some(mean(self.errors, &weights)),
@@ -397,6 +429,7 @@ impl Evidence<'_> {
             best_misfit_over_noise: Some(misfit / self.expected[best]).filter(|_| self.expected[best] > 0.0),
             ln_evidence: Some(self.weighting.ln_evidence),
             parameters: self.parameters.iter().enumerate().map(summarise).collect(),
+            ..Summary::default()
         })
     }
 }

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use gl_case::{Case, Engine, Test};
+use gl_case::{Case, Engine, Posterior, Test};
+use gl_inference::prior::Prior;
 use gl_inference::summary::enough_runs;
 
 use super::emulated;
@@ -16,8 +17,7 @@ pub(crate) struct Setting<'a> {
     pub(crate) test: &'a Test,
     /// The engine and its model; none where the runs are made elsewhere.
     pub(crate) runs: Option<(Engine, &'a str)>,
-    /// Samples an iteration.
-    pub(crate) num: usize,
+    pub(crate) prior: &'a Prior,
     /// What was given for the call, where it is kept.
     pub(crate) settings: Option<PathBuf>,
     /// Whether to wait for runs in a queue.
@@ -28,11 +28,11 @@ pub(crate) struct Setting<'a> {
 
 impl Setting<'_> {
     /// What the settings are.
-    fn given(&self) -> Vec<PathBuf> {
+    pub(crate) fn given(&self) -> Vec<PathBuf> {
         [self.case.file()].into_iter().chain(self.settings.clone()).collect()
     }
 
-    fn folder(&self, i: usize) -> PathBuf {
+    pub(crate) fn folder(&self, i: usize) -> PathBuf {
         self.out.join(format!("iter{i}"))
     }
 }
@@ -43,7 +43,7 @@ pub(crate) struct Iteration<'a> {
     pub(crate) number: usize,
     pub(crate) folder: PathBuf,
     /// The iteration before.
-    previous: Option<PathBuf>,
+    pub(crate) previous: Option<PathBuf>,
 }
 
 impl<'a> Iteration<'a> {
@@ -68,6 +68,10 @@ impl<'a> Iteration<'a> {
     }
 
     fn judge(&self) -> Result<bool> {
+        if self.is_drawn()? && self.draw()? {
+            return self.stop();
+        }
+        self.propose_backwards()?;
         self.compare()?;
         self.weigh()?;
         self.stop()
@@ -90,11 +94,17 @@ impl<'a> Iteration<'a> {
             if is_current(&samples, &inputs)? {
                 return Ok(());
             }
-            let call = Call::new("gl-sample").flag("-p", case.params()).option("-n", Some(self.setting.num));
+            let call = Call::new("gl-sample").flag("-p", case.params()).option("-n", Some(self.runs()));
             let call = named(call.option("--effects", list(&case.effects)), case.seed);
+            let is_drawn = case.posterior == Posterior::Emulator;
+            let call = call.option("--method", is_drawn.then_some("sobol"));
             return self.setting.runner.must(&call.flag("-o", &samples), Messages::Shown);
         };
+        if self.is_drawn()? {
+            return self.take_next(previous);
+        }
         let weights = match case.emulated {
+            _ if case.posterior == Posterior::Emulator => previous.join("weights.txt"),
             0 => previous.join("weights.txt"),
             _ => emulated::weights(self.setting, self.number - 1)?,
         };
@@ -103,7 +113,7 @@ impl<'a> Iteration<'a> {
         }
         let call = Call::new("gl-gmm-resample")
             .flag("-p", case.params())
-            .option("-n", Some(self.setting.num))
+            .option("-n", Some(self.runs()))
             .option("--components", case.components)
             .option("--covariance", case.covariance.as_ref())
             .flag("--sampling", &case.sampling);
@@ -144,13 +154,15 @@ impl<'a> Iteration<'a> {
 
     /// How far each run is from the measurement.
     fn compare(&self) -> Result<()> {
-        let (ensemble, misfit) = (self.file("ensemble.txt"), self.file("misfit.txt"));
-        if is_current(&misfit, &[&ensemble])? {
-            return Ok(());
+        for i in 0..=self.number {
+            let folder = self.setting.folder(i);
+            let (ensemble, misfit) = (folder.join("ensemble.txt"), folder.join("misfit.txt"));
+            if !is_current(&misfit, &[&ensemble])? {
+                let call = comparison(Call::new("gl-likelihood"), self.setting.test);
+                self.setting.runner.must(&call.flag("-o", &misfit).arg(&ensemble), Messages::Shown)?;
+            }
         }
-        let call =
-            comparison(Call::new("gl-likelihood"), self.setting.test).flag("-o", &misfit).arg(&ensemble);
-        self.setting.runner.must(&call, Messages::Shown)
+        Ok(())
     }
 
     /// Weigh all runs so far: tempered, so that enough of them keep weight to draw the next samples from; and as the
@@ -197,7 +209,7 @@ impl<'a> Iteration<'a> {
     fn stop(&self) -> Result<bool> {
         let code = self.file("stop.code");
         let mut inputs = self.setting.given();
-        inputs.extend([self.file("weights.txt"), self.file("posterior-weights.txt")]);
+        inputs.push(self.file("posterior-weights.txt"));
         if is_current(&code, &inputs)? {
             return Ok(std::fs::read_to_string(&code)?.trim() == "0");
         }
@@ -222,7 +234,7 @@ impl<'a> Iteration<'a> {
     }
 
     /// A file of each iteration up to this one.
-    fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
+    pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
         (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
     }
 }
