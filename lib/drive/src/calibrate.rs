@@ -116,8 +116,8 @@ fn finish(out: &Path, last: usize) -> Result<()> {
     {
         copy(&folder.join(table), &out.join(table))?;
         // Where the weights of the runs are the posterior, they are both.
-        let beside = folder.join(of_runs);
-        copy(if beside.exists() { &beside } else { &folder.join(table) }.as_path(), &out.join(of_runs))?;
+        let beside = Some(folder.join(of_runs)).filter(|beside| beside.exists());
+        copy(&beside.unwrap_or_else(|| folder.join(table)), &out.join(of_runs))?;
     }
     Ok(())
 }
