@@ -91,7 +91,7 @@ struct Case {
 pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     let cases = dir.join("cases");
     let list = Table::read(&cases.join("cases.tsv"))?;
-    let observables: Vec<String> = bench.world.observables().iter().map(|&name| name.to_owned()).collect();
+    let observables = bench.observables();
     let read = |row: usize| -> Result<Case> {
         let path = cases.join(format!("{}_obs.txt", list.field(row, 0)));
         let observations = Observations::read(&path, bench.world.control(), &observables)?;
@@ -112,6 +112,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     }
     let mut designs: BTreeMap<(String, String), Design> = BTreeMap::new();
     let design_of = |row: usize| (list.field(row, 1).to_owned(), list.field(row, 2).to_owned());
+    let is_stated = finest.iter().flatten().all(|sd| sd.is_finite());
     for key in (0..list.len()).map(design_of) {
         if designs.contains_key(&key) {
             continue;
@@ -120,7 +121,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         let is_scattered = key.1 == "yes";
         let (samples, ensemble) = bench.design(&left_out, is_scattered, how.first(), how.seed)?;
         let prior = bench.prior_without(&left_out);
-        let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), how.seed)?;
+        let emulator = emulate(&prior, &samples, &ensemble, is_stated.then_some(&finest), how.seed)?;
         designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator, seed: how.seed });
     }
     let verdicts = measured
