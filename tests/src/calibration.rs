@@ -79,7 +79,7 @@ pub fn stiffness(folder: &Folder, out: &str) -> (f64, f64) {
     let weights = posterior(folder, out).replace("posterior.txt", "posterior-weights.txt");
     let [e, nu, w] = ["E_m", "nu", "weight"].map(|name| folder.column(&weights, name));
     let stiffness: Vec<f64> = e.iter().zip(&nu).map(|(e, nu)| 10f64.powf(*e) / (1.0 - nu * nu)).collect();
-    (gl::statistics::mean(&stiffness, &w), gl::statistics::sd(&stiffness, &w))
+    (gl_numeric::statistics::mean(&stiffness, &w), gl_numeric::statistics::sd(&stiffness, &w))
 }
 
 /// The collision's true E/(1 − ν²), Pa.

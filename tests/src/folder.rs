@@ -7,8 +7,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use gl::summary::Summary;
-use gl::table::Table;
+use gl_inference::summary::Summary;
+use gl_table::Table;
 use tempfile::TempDir;
 
 use crate::tool;

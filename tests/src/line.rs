@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use gl::prior::normal_quantile;
-use gl::samples::Samples;
+use gl_inference::prior::normal_quantile;
+use gl_inference::samples::Samples;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

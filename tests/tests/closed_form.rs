@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use gl::table::Table;
+use gl_table::Table;
 use pipelines::folder::Folder;
 use pipelines::{line, oracle};
 

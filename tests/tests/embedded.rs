@@ -5,7 +5,7 @@
 use std::fs;
 
 use assert_cmd::Command;
-use gl::table::Table;
+use gl_table::Table;
 use pipelines::{example, tool};
 
 /// Keys and values of a `case.env`.

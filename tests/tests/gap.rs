@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Output;
 
 use assert_cmd::Command;
-use gl::table::Table;
+use gl_table::Table;
 use tempfile::TempDir;
 
 fn run(directory: &Path, name: &str, arguments: &str) -> Output {

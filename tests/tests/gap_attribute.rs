@@ -7,11 +7,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use gl::design::{self, Effects};
-use gl::prior::Prior;
-use gl::samples::{Samples, sample_names};
-use gl::sequence::Method;
-use gl::table::Table;
+use gl_inference::design::{self, Effects};
+use gl_inference::prior::Prior;
+use gl_inference::samples::{Samples, sample_names};
+use gl_numeric::sequence::Method;
+use gl_table::Table;
 use tempfile::TempDir;
 
 const PARAMS: &str = "name lower upper effect off\na 1 2 - -\nbend 0.2 2 bending 0\nkink 0.2 2 kinking 0\n";

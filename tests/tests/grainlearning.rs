@@ -60,12 +60,11 @@ fn means_spreads_weights_and_sigma_agree() {
     let Some(folder) = oedometer() else { return };
     let reference = folder.table("data/reference.tsv");
     let weights = folder.table("data/reference_weights.tsv");
-    let field = |table: &gl::table::Table, row: usize, name: &str| {
+    let field = |table: &gl_table::Table, row: usize, name: &str| {
         table.field(row, table.format().column(name).unwrap()).to_owned()
     };
-    let number = |table: &gl::table::Table, row: usize, name: &str| -> f64 {
-        field(table, row, name).parse().unwrap()
-    };
+    let number =
+        |table: &gl_table::Table, row: usize, name: &str| -> f64 { field(table, row, name).parse().unwrap() };
     let mut compared = 0;
     for scale in ["max", "value"] {
         misfits(&folder, 0, scale);
@@ -74,7 +73,7 @@ fn means_spreads_weights_and_sigma_agree() {
                 "gl-filter -s data/iter0/samples.txt {target} --summary summary.txt misfit0.txt -o weights.txt"
             ));
             let sigma = folder.quantity("summary.txt", "sigma");
-            let belongs = |table: &gl::table::Table, row: usize| {
+            let belongs = |table: &gl_table::Table, row: usize| {
                 let there = number(table, row, "sigma");
                 field(table, row, "scale") == scale && (sigma - there).abs() <= 1e-6 * there
             };

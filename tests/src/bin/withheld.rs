@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use gl::table::TableWriter;
+use gl_table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
@@ -180,5 +180,5 @@ fn score(cases: &[Scored]) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("withheld", run(&Args::parse()))
+    gl_cli::finish("withheld", run(&Args::parse()))
 }

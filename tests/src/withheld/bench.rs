@@ -1,13 +1,13 @@
 //! The worlds that cases are drawn from, and what is called known about them beforehand.
 
 use anyhow::{Context, Result, ensure};
-use gl::design::{self, Effects};
-use gl::ensemble::Ensemble;
-use gl::observations::Observations;
-use gl::prior::{Effect, Parameter, Prior, Scale};
-use gl::samples::{Samples, sample_names};
-use gl::sequence::Method;
-use gl::world::{self, World};
+use gl_inference::design::{self, Effects};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_inference::prior::{Effect, Parameter, Prior, Scale};
+use gl_inference::samples::{Samples, sample_names};
+use gl_numeric::sequence::Method;
+use gl_world::{self as world, World};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;

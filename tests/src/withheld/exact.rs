@@ -2,9 +2,9 @@
 //! exactly.
 
 use anyhow::{Error, Result};
-use gl::emulator::Emulator;
-use gl::gap::attribute::predictor::{Prediction, Predictor};
-use gl::prior::{Parameter, Prior};
+use gl_emulator::Emulator;
+use gl_gap::attribute::predictor::{Prediction, Predictor};
+use gl_inference::prior::{Parameter, Prior};
 use nalgebra::{DMatrix, DVector};
 
 use super::bench::Bench;

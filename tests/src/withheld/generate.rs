@@ -4,10 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use gl::gap::attribute::measurement::{Kind, MeasurementEffect};
-use gl::gap::attribute::path;
-use gl::observations::range;
-use gl::table::TableWriter;
+use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
+use gl_gap::attribute::path;
+use gl_inference::observations::range;
+use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;
 use rand::{Rng, SeedableRng};

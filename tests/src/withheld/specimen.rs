@@ -1,7 +1,7 @@
 //! Run-to-run scatter: every run, and the measurement, is of another specimen.
 
-use gl::gap::attribute::mode::standard_normal;
-use gl::gap::attribute::path::Path;
+use gl_gap::attribute::mode::standard_normal;
+use gl_gap::attribute::path::Path;
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 
@@ -27,7 +27,7 @@ pub fn factor(control: &[f64]) -> DMatrix<f64> {
 pub fn scattered(curves: &[Vec<f64>], factor: &DMatrix<f64>, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let shared: Vec<f64> = (0..PATTERNS).map(|_| standard_normal(random)).collect();
     let scattered = curves.iter().map(|curve| {
-        let range = gl::observations::range(curve);
+        let range = gl_inference::observations::range(curve);
         let along: Vec<f64> = shared
             .iter()
             .map(|shared| SHARED.sqrt() * shared + (1.0 - SHARED).sqrt() * standard_normal(random))

@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::cli::note;
-use gl::stop::{Previous, Tolerances, criteria, doubts};
-use gl::summary::Summary;
-use gl::table::TableWriter;
+use gl_cli::note;
+use gl_inference::stop::{Previous, Tolerances, criteria, doubts};
+use gl_inference::summary::Summary;
+use gl_table::TableWriter;
 
 /// Decide whether a calibration is done: exit 0 to stop, 1 to go on
 ///
@@ -17,13 +17,13 @@ use gl::table::TableWriter;
 #[command(name = "gl-check-stop", version, after_help = EXAMPLE)]
 struct Args {
     /// Stop when sigma is at most this
-    #[arg(long, value_name = "S", value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "S", value_parser = gl_cli::not_negative)]
     sigma_tol: Option<f64>,
     /// Stop when the mean error of the weighted runs is at most this share of the range
-    #[arg(long, value_name = "SHARE", value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "SHARE", value_parser = gl_cli::not_negative)]
     ensemble_error_tol: Option<f64>,
     /// Stop when the error of the best run is at most this share of the range
-    #[arg(long, value_name = "SHARE", value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "SHARE", value_parser = gl_cli::not_negative)]
     error_tol: Option<f64>,
     /// Stop after so many iterations
     #[arg(long, value_name = "N")]
@@ -77,5 +77,5 @@ fn run(args: &Args) -> Result<bool> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-check-stop", run(&gl::cli::parse()))
+    gl_cli::finish("gl-check-stop", run(&gl_cli::parse()))
 }

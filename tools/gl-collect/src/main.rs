@@ -6,12 +6,12 @@ use std::str::FromStr;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use gl::cli::{not_negative, note};
-use gl::collect::{Collection, Failure};
-use gl::ensemble::Ensemble;
-use gl::observations::Observations;
-use gl::samples::Samples;
-use gl::table::{TableWriter, appears_whole};
+use gl_cli::{not_negative, note};
+use gl_inference::collect::{Collection, Failure};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_inference::samples::Samples;
+use gl_table::{TableWriter, appears_whole};
 
 /// Bring the runs onto the steps of the measurement, leaving out those that failed
 #[derive(Parser)]
@@ -167,5 +167,5 @@ fn write_status(path: &Path, samples: &Samples, status: &Status) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-collect", run(&gl::cli::parse()))
+    gl_cli::finish("gl-collect", run(&gl_cli::parse()))
 }

@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, ValueEnum};
-use gl::world::{Contact, Step};
-use world_shell::{FAILED_RUNS, Shell};
+use gl_cli::world::{FAILED_RUNS, Shell};
+use gl_world::{Contact, Step};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -36,7 +36,7 @@ struct Args {
     #[arg(long, default_value_t = Contact::OVERLAP, conflicts_with = "observations")]
     overlap: f64,
     /// Number of steps
-    #[arg(long, default_value_t = Contact::STEPS, value_parser = world_shell::steps, conflicts_with = "observations")]
+    #[arg(long, default_value_t = Contact::STEPS, value_parser = gl_cli::world::steps, conflicts_with = "observations")]
     steps: usize,
     /// Speed, m/s
     #[arg(long, default_value_t = Contact::SPEED)]
@@ -64,5 +64,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-contact", run(&gl::cli::parse()))
+    gl_cli::finish("gl-contact", run(&gl_cli::parse()))
 }

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::emulator::table::{write_check, write_left_out, write_predictions};
-use gl::emulator::{Emulator, Options};
-use gl::ensemble::Ensemble;
-use gl::prior::Prior;
-use gl::samples::Samples;
+use gl_emulator::table::{write_check, write_left_out, write_predictions};
+use gl_emulator::{Emulator, Options};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
 
 /// Predict what runs would give at other samples, without running them.
 ///
@@ -110,9 +110,9 @@ fn predict(
 }
 
 fn note(message: impl std::fmt::Display) {
-    gl::cli::note("gl-emulate", message);
+    gl_cli::note("gl-emulate", message);
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-emulate", run(&gl::cli::parse()))
+    gl_cli::finish("gl-emulate", run(&gl_cli::parse()))
 }

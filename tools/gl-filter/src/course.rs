@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::Result;
-use gl::filter::{Noise, Runs, Weighting};
-use gl::misfit::Misfits;
-use gl::statistics::{ess_fraction, mean, sd};
-use gl::table::TableWriter;
+use gl_inference::filter::{Noise, Runs, Weighting};
+use gl_inference::misfit::Misfits;
+use gl_numeric::statistics::{ess_fraction, mean, sd};
+use gl_table::TableWriter;
 
 /// Steps at which the weights are looked at.
 const LOOKS: usize = 6;

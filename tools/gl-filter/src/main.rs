@@ -8,14 +8,14 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
-use gl::cli::note;
-use gl::filter::{Noise, Runs, Target, weigh, weigh_emulated};
-use gl::misfit::Misfits;
-use gl::prior::{Parameter, Prior};
-use gl::proposal::{Proposal, ln_balance_heuristic};
-use gl::samples::Samples;
-use gl::summary::{Evidence, Summary};
-use gl::weights::Weights;
+use gl_cli::note;
+use gl_inference::filter::{Noise, Runs, Target, weigh, weigh_emulated};
+use gl_inference::misfit::Misfits;
+use gl_inference::prior::{Parameter, Prior};
+use gl_inference::proposal::{Proposal, ln_balance_heuristic};
+use gl_inference::samples::Samples;
+use gl_inference::summary::{Evidence, Summary};
+use gl_inference::weights::Weights;
 
 use course::Course;
 
@@ -40,7 +40,7 @@ struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.3, conflicts_with = "sigma")]
     ess: f64,
     /// Effective sample size to reach, as a number of runs; nine in ten runs at the most
-    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"], value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "RUNS", conflicts_with_all = ["ess", "sigma"], value_parser = gl_cli::not_negative)]
     ess_runs: Option<f64>,
     /// Weigh at this sigma; noise is the posterior itself
     #[arg(long, value_name = "S|noise")]
@@ -49,7 +49,7 @@ struct Args {
     #[arg(long, value_name = "S|noise", conflicts_with = "sigma")]
     sigma_min: Option<Sigma>,
     /// Sigma below which gl-check-stop is to stop; put into the summary
-    #[arg(long, value_name = "S", value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "S", value_parser = gl_cli::not_negative)]
     sigma_tol: Option<f64>,
     /// Where the course of the filter goes: step sigma ess mean(NAME)… cv(NAME)…
     #[arg(long, value_name = "FILE")]
@@ -82,7 +82,7 @@ impl FromStr for Sigma {
         if text == "noise" {
             return Ok(Self(Target::Noise));
         }
-        let sigma = gl::table::parse_number(text).context("give a positive number, or noise")?;
+        let sigma = gl_table::parse_number(text).context("give a positive number, or noise")?;
         ensure!(sigma > 0.0, "{text} is not positive");
         Ok(Self(Target::Sigma(sigma)))
     }
@@ -240,5 +240,5 @@ fn warn(summary: &Summary) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-filter", run(&gl::cli::parse()))
+    gl_cli::finish("gl-filter", run(&gl_cli::parse()))
 }

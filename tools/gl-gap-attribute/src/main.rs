@@ -6,18 +6,18 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use gl::ensemble::Ensemble;
-use gl::gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
-use gl::gap::attribute::marginals::{Marginal, marginals};
-use gl::gap::attribute::measurement::Kind;
-use gl::gap::attribute::next_runs::next_runs;
-use gl::gap::attribute::problem::Problem;
-use gl::gap::attribute::self_check::{Design, self_check, summary};
-use gl::gap::attribute::verdict::verdict;
-use gl::observations::{ByName, Observations};
-use gl::prior::Prior;
-use gl::samples::{Samples, sample_names};
-use gl::table::TableWriter;
+use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl_gap::attribute::marginals::{Marginal, marginals};
+use gl_gap::attribute::measurement::Kind;
+use gl_gap::attribute::next_runs::next_runs;
+use gl_gap::attribute::problem::Problem;
+use gl_gap::attribute::self_check::{Design, self_check, summary};
+use gl_gap::attribute::verdict::verdict;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{ByName, Observations};
+use gl_inference::prior::Prior;
+use gl_inference::samples::{Samples, sample_names};
+use gl_table::TableWriter;
 
 /// Say which effect, if any, explains the gap between a simulation and a measurement.
 ///
@@ -230,9 +230,9 @@ fn write_next(
 }
 
 fn note(message: impl std::fmt::Display) {
-    gl::cli::note("gl-gap-attribute", message);
+    gl_cli::note("gl-gap-attribute", message);
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-attribute", run(&gl::cli::parse()))
+    gl_cli::finish("gl-gap-attribute", run(&gl_cli::parse()))
 }

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::ensemble::Ensemble;
-use gl::gap::locate::{Stretch, locate, verdict};
-use gl::observations::{ByName, Observations};
-use gl::table::TableWriter;
-use gl::weights::Weights;
+use gl_gap::locate::{Stretch, locate, verdict};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{ByName, Observations};
+use gl_inference::weights::Weights;
+use gl_table::TableWriter;
 
 /// Say where a calibrated simulation and the measurement disagree.
 ///
@@ -63,7 +63,7 @@ fn run(args: &Args) -> Result<()> {
     let stretches =
         locate(&observations, &ensemble, &of_runs, weights.varying(), noise.as_deref(), args.seed)?;
     write(args.output.as_deref(), &stretches, &observations)?;
-    gl::cli::note("gl-gap-locate", verdict(&stretches, &observations));
+    gl_cli::note("gl-gap-locate", verdict(&stretches, &observations));
     Ok(())
 }
 
@@ -84,5 +84,5 @@ fn write(path: Option<&Path>, stretches: &[Stretch], observations: &Observations
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-locate", run(&gl::cli::parse()))
+    gl_cli::finish("gl-gap-locate", run(&gl_cli::parse()))
 }

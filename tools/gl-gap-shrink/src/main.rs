@@ -6,11 +6,11 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
-use gl::ensemble::Ensemble;
-use gl::gap::shrink::{Calibrated, Shrink, shrink, verdict};
-use gl::observations::{ByName, Observations, Steps};
-use gl::table::TableWriter;
-use gl::weights::Weights;
+use gl_gap::shrink::{Calibrated, Shrink, shrink, verdict};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::weights::Weights;
+use gl_table::TableWriter;
 
 /// Say how far the gap closes from one calibrated simulation to another.
 ///
@@ -101,7 +101,7 @@ fn run(args: &Args) -> Result<()> {
     let shrinks = shrink(&observations, &before, &after, unseen, noise.as_deref(), args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &args.observables)?;
     if let Some(all) = shrinks.last() {
-        gl::cli::note("gl-gap-shrink", verdict(all));
+        gl_cli::note("gl-gap-shrink", verdict(all));
     }
     Ok(())
 }
@@ -130,5 +130,5 @@ fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Res
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gap-shrink", run(&gl::cli::parse()))
+    gl_cli::finish("gl-gap-shrink", run(&gl_cli::parse()))
 }

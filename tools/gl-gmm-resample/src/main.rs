@@ -6,12 +6,12 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::{Parser, ValueEnum};
-use gl::cli::note;
-use gl::mixture::CovarianceType;
-use gl::prior::Prior;
-use gl::resample::{Resampling, Sampling, resample};
-use gl::samples::{Samples, sample_names};
-use gl::weights::Weights;
+use gl_cli::note;
+use gl_inference::mixture::CovarianceType;
+use gl_inference::prior::Prior;
+use gl_inference::resample::{Resampling, Sampling, resample};
+use gl_inference::samples::{Samples, sample_names};
+use gl_inference::weights::Weights;
 
 /// Draw the next samples where the weight lies
 ///
@@ -39,7 +39,7 @@ struct Args {
     #[arg(long, value_enum, default_value = "slice")]
     sampling: SamplingName,
     /// How far below the mean score a slice reaches, in standard deviations of the scores
-    #[arg(long, value_name = "D", default_value_t = 3.0, value_parser = gl::cli::not_negative)]
+    #[arg(long, value_name = "D", default_value_t = 3.0, value_parser = gl_cli::not_negative)]
     deviation: f64,
     /// Seed; the same seed gives the same samples on every machine
     #[arg(long, default_value_t = 0)]
@@ -125,5 +125,5 @@ fn default_components(weights: &Weights) -> usize {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-gmm-resample", run(&gl::cli::parse()))
+    gl_cli::finish("gl-gmm-resample", run(&gl_cli::parse()))
 }

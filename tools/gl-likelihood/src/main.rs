@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::cli::note;
-use gl::misfit::{Comparison, Covariance, MisfitRows, Scale};
-use gl::observations::{ByName, Observations, Steps};
-use gl::table::{Sink, open, source_name};
+use gl_cli::note;
+use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scale};
+use gl_inference::observations::{ByName, Observations, Steps};
+use gl_table::{Sink, open, source_name};
 
 /// How far each run is from the measurement, step by step
 #[derive(Parser)]
@@ -81,5 +81,5 @@ fn covariance(args: &Args, observations: &Observations) -> Result<Covariance> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-likelihood", run(&gl::cli::parse()))
+    gl_cli::finish("gl-likelihood", run(&gl_cli::parse()))
 }

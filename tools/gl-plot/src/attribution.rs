@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl::table::Table;
+use gl_table::Table;
 
 use crate::Style;
-use crate::axis::{Axis, Label, SMALL, Span};
-use crate::figure::{Figure, Key, MARGIN};
-use crate::font;
-use crate::panel::Panel;
-use crate::scene::{Anchor, Color, Item, Paint, Rect, Scene, area, color, fitted, text};
+use gl_figure::axis::{Axis, Label, SMALL, Span};
+use gl_figure::figure::{Figure, Key, MARGIN};
+use gl_figure::font;
+use gl_figure::panel::Panel;
+use gl_figure::scene::{Anchor, Color, Item, Paint, Rect, Scene, area, color, fitted, text};
 
 /// Probabilities of hypotheses and effects, confounded ones bracketed
 #[derive(Args)]

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use gl::ensemble::Ensemble;
+use gl_inference::ensemble::Ensemble;
 
-use crate::axis::{Axis, Label, Span};
-use crate::figure::{Figure, Key};
-use crate::panel::{Dot, Panel, room_beside};
-use crate::scene::{Paint, Rect, Scene, color};
 use crate::{Style, Units};
+use gl_figure::axis::{Axis, Label, Span};
+use gl_figure::figure::{Figure, Key};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Paint, Rect, Scene, color};
 
 /// Emulated against simulated observables, run by run
 #[derive(Args)]
@@ -138,7 +138,7 @@ impl Emulator {
         let rect = Rect::new(left, top, right, top + size);
         let rms =
             (triples.iter().map(|&(x, y, _)| (x - y).powi(2)).sum::<f64>() / triples.len() as f64).sqrt();
-        let heading = format!("root mean square error {}", crate::axis::short(rms));
+        let heading = format!("root mean square error {}", gl_figure::axis::short(rms));
         let mut panel = Panel::new(format!("predicted against simulated {name}"), rect, x.clone(), y)
             .heading(heading)
             .beside(beside)

@@ -4,16 +4,16 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl::ensemble::Ensemble;
-use gl::observations::{ByName, Observations};
-use gl::predict::predict;
-use gl::weights::Weights;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{ByName, Observations};
+use gl_inference::predict::predict;
+use gl_inference::weights::Weights;
 
-use crate::axis::{Axis, Label, Span};
-use crate::figure::{Figure, Key};
-use crate::panel::{Dot, Panel, room_beside};
-use crate::scene::{Paint, Rect, Scene, color};
 use crate::{Style, Units};
+use gl_figure::axis::{Axis, Label, Span};
+use gl_figure::figure::{Figure, Key};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Paint, Rect, Scene, color};
 
 /// Measurement, ensemble mean with its 90 % band, the best runs, and the residuals
 #[derive(Args)]
@@ -64,7 +64,7 @@ struct Curves<'a> {
     best: Vec<&'a [f64]>,
 }
 
-const BEST: [crate::scene::Color; 3] = [color::VERMILION, color::ORANGE, color::GREEN];
+const BEST: [gl_figure::scene::Color; 3] = [color::VERMILION, color::ORANGE, color::GREEN];
 /// More readings than this have their noise drawn as a band.
 const MOST_BARS: usize = 60;
 

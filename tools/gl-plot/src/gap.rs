@@ -5,17 +5,17 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gl::ensemble::Ensemble;
-use gl::gap::standardised::standardised;
-use gl::observations::{ByName, Observations, Steps};
-use gl::table::Table;
-use gl::weights::Weights;
+use gl_gap::standardised::standardised;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::weights::Weights;
+use gl_table::Table;
 
-use crate::axis::{Axis, Label, Span};
-use crate::figure::{Figure, Key};
-use crate::panel::{Dot, Panel, room_beside};
-use crate::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
 use crate::{Style, Units};
+use gl_figure::axis::{Axis, Label, Span};
+use gl_figure::figure::{Figure, Key};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
 
 /// The standardised gap along the control, significant stretches shaded
 #[derive(Args)]
@@ -276,11 +276,11 @@ fn draw(panel: &mut Panel, table: &[Stretch], color: Color) {
 
 /// The share of the gap in each significant stretch that is wide enough for the number.
 fn write_shares(panel: &mut Panel, table: &[Stretch]) {
-    use crate::axis::SMALL;
+    use gl_figure::axis::SMALL;
     for stretch in table.iter().filter(|stretch| stretch.significant) {
         let label = format!("{:.0} %", 100.0 * stretch.share);
         let ((x0, y), (x1, _)) = (panel.at((stretch.from, stretch.z)), panel.at((stretch.to, stretch.z)));
-        let width = crate::font::width(&label, SMALL);
+        let width = gl_figure::font::width(&label, SMALL);
         if width > (x1 - x0).abs() {
             continue;
         }

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gl::summary::Summary;
-use gl::table::Table;
+use gl_inference::summary::Summary;
+use gl_table::Table;
 
 use crate::Style;
-use crate::axis::{Axis, Label, Span};
-use crate::figure::{Figure, Key};
 use crate::input::Parameters;
-use crate::panel::{Dot, Panel, room_beside};
-use crate::scene::{Color, Paint, Rect, Scene, color};
+use gl_figure::axis::{Axis, Label, Span};
+use gl_figure::figure::{Figure, Key};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Color, Paint, Rect, Scene, color};
 
 /// Mean and spread of the parameters along the steps; sigma, ess and errors along the iterations
 #[derive(Args)]

@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
-use gl::observations::ByName;
-use gl::prior::{Parameter, Prior, Scale};
-use gl::statistics::Quantiles;
-use gl::weights::Weights;
+use gl_inference::observations::ByName;
+use gl_inference::prior::{Parameter, Prior, Scale};
+use gl_inference::weights::Weights;
+use gl_numeric::statistics::Quantiles;
 
-use crate::axis::{Label, Span};
+use gl_figure::axis::{Label, Span};
 
 /// Read a weights table that a picture can be made of: samples with their parameters.
 ///

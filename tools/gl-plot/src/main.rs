@@ -1,24 +1,14 @@
 //! Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
 
 mod attribution;
-mod axis;
-mod contour;
 mod emulator;
-mod figure;
 mod fit;
-mod font;
 mod gap;
 mod history;
 mod input;
-mod matrix;
 mod pairs;
-mod panel;
 mod posterior;
 mod proposal;
-mod raster;
-mod scene;
-mod svg;
-mod thin;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -27,7 +17,8 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, ensure};
 use clap::{Parser, Subcommand};
-use gl::table::Sink;
+use gl_figure::{raster, svg};
+use gl_table::Sink;
 
 /// Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
 #[derive(Parser)]
@@ -81,7 +72,7 @@ fn dpi(text: &str) -> Result<f64> {
 }
 
 fn within(text: &str, low: f64, high: f64) -> Result<f64> {
-    let value = gl::table::parse_number(text)?;
+    let value = gl_table::parse_number(text)?;
     ensure!((low..=high).contains(&value), "not between {low} and {high}");
     Ok(value)
 }
@@ -150,5 +141,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-plot", run(&gl::cli::parse()))
+    gl_cli::finish("gl-plot", run(&gl_cli::parse()))
 }

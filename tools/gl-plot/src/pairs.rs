@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
-use gl::density::{joint, levels, marginal};
-use gl::observations::ByName;
-use gl::samples::Samples;
+use gl_inference::observations::ByName;
+use gl_inference::samples::Samples;
+use gl_numeric::density::{joint, levels, marginal};
 
 use crate::Style;
-use crate::axis::Span;
-use crate::contour;
-use crate::figure::{Figure, Key, star_paint};
 use crate::input::{Parameters, check_truth, column, place_within, read_weights, stem, within};
-use crate::matrix;
-use crate::panel::Dot;
-use crate::scene::{Color, Paint, Scene, color, star};
+use gl_figure::axis::Span;
+use gl_figure::contour;
+use gl_figure::figure::{Figure, Key, star_paint};
+use gl_figure::matrix;
+use gl_figure::panel::Dot;
+use gl_figure::scene::{Color, Paint, Scene, color, star};
 
 /// Samples of every iteration, and the posterior density of each pair of parameters
 #[derive(Args)]

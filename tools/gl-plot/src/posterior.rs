@@ -4,18 +4,18 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gl::density::marginal;
-use gl::observations::ByName;
-use gl::statistics::{Quantiles, mean};
-use gl::summary::Summary;
-use gl::weights::Weights;
+use gl_inference::observations::ByName;
+use gl_inference::summary::Summary;
+use gl_inference::weights::Weights;
+use gl_numeric::density::marginal;
+use gl_numeric::statistics::{Quantiles, mean};
 
 use crate::Style;
-use crate::axis::{Axis, Label, Span};
-use crate::figure::{Figure, Key, star_paint};
 use crate::input::{Parameters, check_truth, column, lightest_first, read_step_weights, stem, within};
-use crate::panel::{Dot, Panel, room_beside};
-use crate::scene::{Color, Paint, Rect, Scene, color, star};
+use gl_figure::axis::{Axis, Label, Span};
+use gl_figure::figure::{Figure, Key, star_paint};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Color, Paint, Rect, Scene, color, star};
 
 /// Weights against each parameter, and the marginals with their 90 % intervals
 #[derive(Args)]

@@ -5,17 +5,17 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl::mixture::Gaussian;
-use gl::proposal::Proposal as Mixture;
-use gl::samples::Samples;
+use gl_inference::mixture::Gaussian;
+use gl_inference::proposal::Proposal as Mixture;
+use gl_inference::samples::Samples;
 
 use crate::Style;
-use crate::axis::Span;
-use crate::figure::{Figure, Key};
 use crate::input::Parameters;
-use crate::matrix;
-use crate::panel::{Dot, Panel};
-use crate::scene::{Color, Paint, Scene, color};
+use gl_figure::axis::Span;
+use gl_figure::figure::{Figure, Key};
+use gl_figure::matrix;
+use gl_figure::panel::{Dot, Panel};
+use gl_figure::scene::{Color, Paint, Scene, color};
 
 /// Ellipses of the mixture that new samples are drawn from, over the samples
 #[derive(Args)]

@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::ensemble::Ensemble;
-use gl::predict::predict;
-use gl::table::TableWriter;
-use gl::weights::Weights;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::predict::predict;
+use gl_inference::weights::Weights;
+use gl_table::TableWriter;
 
 /// Predict the observables from a weighted ensemble: mean, spread and 90 % band at every step.
 #[derive(Parser)]
@@ -62,5 +62,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-predict", run(&gl::cli::parse()))
+    gl_cli::finish("gl-predict", run(&gl_cli::parse()))
 }

@@ -7,10 +7,10 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, ValueEnum};
-use gl::design::{self, Effects};
-use gl::prior::Prior;
-use gl::samples::{Samples, sample_names};
-use gl::sequence::Method;
+use gl_inference::design::{self, Effects};
+use gl_inference::prior::Prior;
+use gl_inference::samples::{Samples, sample_names};
+use gl_numeric::sequence::Method;
 
 /// Draw parameter samples from the prior, one row a sample
 #[derive(Parser)]
@@ -113,5 +113,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-sample", run(&gl::cli::parse()))
+    gl_cli::finish("gl-sample", run(&gl_cli::parse()))
 }

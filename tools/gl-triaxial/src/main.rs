@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl::world::Triaxial;
-use world_shell::{FAILED_RUNS, Shell};
+use gl_cli::world::{FAILED_RUNS, Shell};
+use gl_world::Triaxial;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -36,7 +36,7 @@ struct Args {
     #[arg(long, default_value_t = Triaxial::STRAIN, conflicts_with = "observations")]
     strain: f64,
     /// Number of steps
-    #[arg(long, default_value_t = Triaxial::STEPS, value_parser = world_shell::steps, conflicts_with = "observations")]
+    #[arg(long, default_value_t = Triaxial::STEPS, value_parser = gl_cli::world::steps, conflicts_with = "observations")]
     steps: usize,
 }
 
@@ -51,5 +51,5 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl::cli::finish("gl-triaxial", run(&gl::cli::parse()))
+    gl_cli::finish("gl-triaxial", run(&gl_cli::parse()))
 }

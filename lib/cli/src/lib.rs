@@ -1,0 +1,124 @@
+//! What every tool does alike: its arguments, exit codes and the last message.
+
+mod line;
+pub mod world;
+
+use std::env;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::{self, ExitCode};
+
+use anyhow::{Error, Result, bail, ensure};
+use clap::{Command, Parser};
+use clap_complete::Shell;
+use gl_table::verdict::Verdicts;
+
+/// A tool's arguments.
+///
+/// Ends the program, as [`Parser::parse`] does, for arguments that are wrong and for `--help`; and for
+/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions. From here on
+/// long computations show their progress, where stderr is a terminal.
+#[allow(clippy::exit)]
+pub fn parse<A: Parser>() -> A {
+    let arguments: Vec<_> = env::args_os().skip(1).collect();
+    if let [flag, kind] = arguments.as_slice()
+        && flag == "--generate"
+    {
+        let mut command = A::command();
+        let name = command.get_name().to_owned();
+        let outcome = finish(&name, generate(&mut command, &kind.to_string_lossy()));
+        process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
+    }
+    let arguments = A::parse();
+    if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
+        gl_progress::watch(Box::new(line));
+    }
+    arguments
+}
+
+/// Write a manual page or completions to standard output.
+fn generate(command: &mut Command, kind: &str) -> Result<()> {
+    let shell = match kind {
+        "bash" => Shell::Bash,
+        "zsh" => Shell::Zsh,
+        "fish" => Shell::Fish,
+        "man" => return Ok(clap_mangen::Man::new(command.clone()).render(&mut io::stdout())?),
+        _ => bail!("--generate {kind}: give man, bash, zsh or fish"),
+    };
+    let name = command.get_name().to_owned();
+    clap_complete::generate(shell, command, name, &mut io::stdout());
+    Ok(())
+}
+
+/// An argument that is a number and not negative.
+///
+/// # Errors
+/// If it is not.
+pub fn not_negative(text: &str) -> Result<f64> {
+    let number = gl_table::parse_number(text)?;
+    ensure!(number >= 0.0, "give a number that is not negative");
+    Ok(number)
+}
+
+/// What a tool's `run` returns: done, or an answer yes or no.
+pub trait Outcome {
+    /// The exit code: 0 done or yes, 1 no.
+    fn code(self) -> u8;
+}
+
+impl Outcome for () {
+    fn code(self) -> u8 {
+        0
+    }
+}
+
+impl Outcome for bool {
+    fn code(self) -> u8 {
+        u8::from(!self)
+    }
+}
+
+/// Turn a tool's result into its exit code, and say on stderr what went wrong.
+///
+/// Exit code 0 done or yes, 1 no, 2 error. A closed pipe is a quiet success: the reader has all that
+/// it wanted.
+pub fn finish<T: Outcome>(tool: &str, result: Result<T>) -> ExitCode {
+    match result {
+        Ok(outcome) => ExitCode::from(outcome.code()),
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            note(tool, format_args!("{error:#}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// A message for the user on stderr, with the tool's name before it.
+pub fn note(tool: &str, message: impl std::fmt::Display) {
+    // A closed stderr is no reason to die.
+    let _ = writeln!(io::stderr(), "{tool}: {message}");
+}
+
+/// Say each conclusion on stderr, and write their table where it is wanted.
+///
+/// # Errors
+/// If the table cannot be written.
+pub fn conclude(tool: &str, verdicts: &Verdicts, path: Option<&Path>) -> Result<()> {
+    for verdict in &verdicts.rows {
+        note(tool, &verdict.text);
+    }
+    path.map_or(Ok(()), |path| verdicts.write(Some(path)))
+}
+
+/// Where another of the tools is: beside this one, where it was built or installed with it, else on PATH.
+pub fn sibling(tool: &str) -> PathBuf {
+    let beside = env::current_exe().ok().and_then(|own| Some(own.parent()?.join(tool)));
+    beside.filter(|path| path.is_file()).unwrap_or_else(|| PathBuf::from(tool))
+}
+
+fn is_closed_pipe(error: &Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|cause| cause.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,98 @@
+//! Whether a hypothesis that wins also fits: the best of several that are all wrong is no answer.
+
+use anyhow::{Context, Result};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::attribute::mode::{Mode, standard_normal};
+use crate::attribute::model::Model;
+
+/// Below this predictive probability a hypothesis does not fit.
+pub const INADEQUATE: f64 = 0.01;
+
+const DRAWS: usize = 20_000;
+
+/// Probability, under a hypothesis, of a measurement at least as odd as the one made.
+///
+/// About its mode the model is straight, so that the measurement is normal with covariance
+/// C = Σ + J Jᵀ (J the slopes by the parameters, whose prior is standard normal). Oddness is the worst
+/// of: rᵀC⁻¹r, which sees a misfit of any shape, against χ²; and for each observable the score
+/// rᵀC⁻¹KC⁻¹r against its own distribution, which sees a smooth discrepancy with correlation K, much
+/// earlier. The smallest probability is raised for having been the smallest of several (Šidák).
+///
+/// # Errors
+/// If the covariance is not finite.
+pub fn predictive_probability(model: &Model<'_>, mode: &Mode, seed: u64) -> Result<f64> {
+    let problem = model.problem();
+    let w = mode.w.as_slice();
+    let curve = model.curve(w);
+    let (_, slopes) = model.gradient(w);
+    let own = DVector::from_column_slice(&w[..model.curve_parameters()]);
+    let residual = DVector::from_vec(model.residual(&curve.mean)) + &slopes * own;
+    // Σ as it stands at the mode, with the parameters' share added to it.
+    let steps = problem.steps();
+    let observables = problem.ranges.len();
+    let odd = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
+    let smooth = DMatrix::from_fn(residual.len(), observables * problem.smooth.len(), |i, k| {
+        let (j, pattern) = (k / problem.smooth.len(), k % problem.smooth.len());
+        if i / steps == j {
+            problem.smooth.patterns[(i % steps, pattern)] * problem.smooth.variances[pattern].sqrt()
+        } else {
+            0.0
+        }
+    });
+    let all = DMatrix::from_fn(residual.len(), 1 + smooth.ncols() + slopes.ncols(), |i, k| {
+        match k.checked_sub(1) {
+            None => odd[i],
+            Some(k) if k < smooth.ncols() => smooth[(i, k)],
+            Some(k) => slopes[(i, k - smooth.ncols())],
+        }
+    });
+    let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&all))?;
+    let product = all.tr_mul(&solved);
+    let outer = 1 + smooth.ncols();
+    let inner = slopes.ncols();
+    // Woodbury for the parameters' share: (Σ + JJᵀ)⁻¹ = Σ⁻¹ − Σ⁻¹J(I + JᵀΣ⁻¹J)⁻¹JᵀΣ⁻¹.
+    let core = DMatrix::identity(inner, inner) + product.view((outer, outer), (inner, inner));
+    let factor = nalgebra::Cholesky::new(core).context("the slopes of the curve are not finite")?;
+    let cross = product.view((outer, 0), (inner, outer)).into_owned();
+    let product = product.view((0, 0), (outer, outer)) - cross.tr_mul(&factor.solve(&cross));
+
+    let whole = ChiSquared::new(residual.len() as f64)?;
+    let mut probabilities = vec![whole.sf(product[(0, 0)].max(0.0))];
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let patterns = problem.smooth.len();
+    for j in 0..observables {
+        let first = 1 + j * patterns;
+        let score = product.view((first, 0), (patterns, 1)).norm_squared();
+        let shares = SymmetricEigen::new(product.view((first, first), (patterns, patterns)).into_owned());
+        probabilities.push(exceedance(score, shares.eigenvalues.as_slice(), &mut random));
+    }
+    let smallest = probabilities.iter().copied().fold(1.0, f64::min);
+    Ok(1.0 - (1.0 - smallest).powi(probabilities.len() as i32))
+}
+
+/// Probability that Σ sharesᵢ χ²₁ exceeds a value, by drawing.
+fn exceedance(value: f64, shares: &[f64], random: &mut ChaCha8Rng) -> f64 {
+    let exceeding = (0..DRAWS)
+        .filter(|_| {
+            let drawn: f64 = shares.iter().map(|share| share * standard_normal(random).powi(2)).sum();
+            drawn >= value
+        })
+        .count();
+    (exceeding as f64 + 0.5) / (DRAWS as f64 + 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_share_exceeds_as_chi_squared_does() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let p = exceedance(2.0 * 3.841_458_820_694_124, &[2.0], &mut random);
+        assert!((p - 0.05).abs() < 0.006, "{p}");
+    }
+}

@@ -1,0 +1,154 @@
+//! How much of the gap a hypothesis closes, and how much the real simulation would.
+
+use anyhow::{Context, Result};
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::attribute::mode::{Mode, standard_normal};
+use crate::attribute::model::Model;
+use crate::attribute::problem::Problem;
+use gl_numeric::statistics::Quantiles;
+
+/// Root mean square of (measured − curve) / range over all readings.
+pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
+    let steps = problem.steps();
+    let share = |(i, (seen, y)): (usize, (&f64, &f64))| ((seen - y) / problem.ranges[i / steps]).powi(2);
+    let sum: f64 = problem.observed.iter().zip(curve).enumerate().map(share).sum();
+    (sum / problem.observed.len() as f64).sqrt()
+}
+
+/// The gap that noise and scatter alone would leave of a model, once its calibration has followed them as
+/// far as it can: the same as [`shrink`](crate::shrink::shrink) takes off a measured gap.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
+    let problem = model.problem();
+    let (_, slopes) = model.gradient(w);
+    let mut errors = problem.measurement_errors(&model.nuisances(w).0);
+    absorb(model, w, &slopes, &mut errors)?;
+    let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
+    let sum: f64 = (0..errors.nrows()).map(share).sum();
+    Ok((sum / errors.nrows() as f64).sqrt())
+}
+
+/// Take out of errors, shape (readings, errors), what calibration absorbs by slopes of the curve, shape
+/// (readings, curve parameters), in the metric of noise and scatter alone.
+fn absorb(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, errors: &mut DMatrix<f64>) -> Result<()> {
+    let none = vec![0.0; model.problem().predictor.basis().ncols()];
+    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(slopes))?;
+    let mut information = slopes.tr_mul(&solved);
+    for i in 0..information.nrows() {
+        information[(i, i)] += 1.0;
+    }
+    let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
+    *errors -= slopes * factor.solve(&solved.tr_mul(errors));
+    Ok(())
+}
+
+/// Share of a gap that is left: (after² − floor²)₊ / (before² − floor²)₊, at most 1; 1 where there is
+/// nothing to close.
+pub fn left(before: f64, after: f64, floor: f64) -> f64 {
+    let above = |gap: f64| (gap * gap - floor * floor).max(0.0);
+    if above(before) > 0.0 { (above(after) / above(before)).min(1.0) } else { 1.0 }
+}
+
+/// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated
+/// again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shrink {
+    /// Median.
+    pub median: f64,
+    /// 5 % quantile.
+    pub low: f64,
+    /// 95 % quantile.
+    pub high: f64,
+}
+
+/// A model with its mode and its mean curve under the posterior.
+pub struct Fitted<'a> {
+    /// The model.
+    pub model: &'a Model<'a>,
+    /// Its best mode.
+    pub mode: &'a Mode,
+    /// Mean predicted measurement.
+    pub mean: &'a [f64],
+}
+
+const DRAWS: usize = 400;
+
+/// Predict how far the gap shrinks from one model to another, should the second be right.
+///
+/// The real simulation differs from its emulator by what the emulator says it may. Under the second
+/// model the measurement itself tells part of that difference: what is left of it is emulator's error
+/// and noise, in proportion to their variances. The first model's gap tells nothing of it.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let least = floor(after.model, after.mode.w.as_slice())?;
+    let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
+    let shrinks: Vec<f64> =
+        before.iter().zip(&after).map(|(&before, &after)| 1.0 - left(before, after, least)).collect();
+    let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
+    Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
+}
+
+/// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one. If the
+/// model is `right`, its errors are drawn given the measurement.
+fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+    let (model, problem) = (fitted.model, fitted.model.problem());
+    let w = fitted.mode.w.as_slice();
+    let curve = model.curve(w);
+    let (_, slopes) = model.gradient(w);
+    let residual = DVector::from_vec(model.residual(fitted.mean));
+    let errors = problem.emulator_errors(&curve.variance);
+    let others = problem.measurement_errors(&model.nuisances(w).0);
+    let drawn = |factor: &DMatrix<f64>, random: &mut ChaCha8Rng| {
+        factor * DMatrix::from_fn(factor.ncols(), DRAWS, |_, _| standard_normal(random))
+    };
+    let mut real = DMatrix::from_fn(residual.len(), DRAWS, |i, _| residual[i]);
+    let error = drawn(&errors, random);
+    real -= &error;
+    if right {
+        // Matheron's rule: a draw, moved by what the measurement says more than the draw.
+        let surprise = &real - drawn(&others, random);
+        let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&surprise))?;
+        real -= &errors * errors.tr_mul(&solved);
+    }
+    absorb(model, w, &slopes, &mut real)?;
+    let seen = DVector::from_column_slice(&problem.observed);
+    Ok(real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribute::hypothesis::Candidate;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn a_fit_of_three_parameters_takes_three_readings_out_of_the_floor() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.2));
+        let wave = Candidate::Simulated(prior.effects().remove(0));
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, vec![wave], &observations, noise, 1.0).unwrap();
+        for (hypothesis, parameters) in [(vec![], 2.0), (vec![0], 3.0)] {
+            let model = Model::new(&problem, &hypothesis, false);
+            let share = (floor(&model, &vec![0.0; model.len()]).unwrap() * problem.ranges[0] / 0.01).powi(2);
+            // The priors are wide beside the noise, but not infinitely.
+            assert!((share - (1.0 - parameters / STEPS as f64)).abs() < 2e-3, "{parameters}: {share}");
+        }
+    }
+
+    #[test]
+    fn what_is_left_is_counted_above_the_floor() {
+        assert!((left(5.0, 4.0, 3.0) - 7.0 / 16.0).abs() < 1e-12);
+        assert_eq!(left(5.0, 2.0, 3.0), 0.0);
+        assert_eq!(left(2.0, 2.0, 3.0), 1.0);
+        assert_eq!(left(4.0, 9.0, 3.0), 1.0);
+    }
+}

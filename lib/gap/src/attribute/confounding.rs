@@ -1,0 +1,138 @@
+//! Which hypotheses the measurement cannot tell apart, and where a further one could.
+
+use anyhow::{Context, Result};
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::hypothesis::is_part;
+use crate::attribute::model::Model;
+use crate::attribute::problem::Problem;
+
+/// What one hypothesis adds to the base model's curve is imitated by another when the cosine between
+/// them is above this …
+const PARALLEL: f64 = 0.9;
+/// … and what it cannot imitate is below this many standard deviations in all.
+const INDISTINCT: f64 = 3.0;
+/// Names at most.
+const MOST: usize = 4;
+
+/// Where two hypotheses differ most.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Difference {
+    /// Name of the observable.
+    pub observable: String,
+    /// Control at the start of the range.
+    pub from: f64,
+    /// Control at its end.
+    pub to: f64,
+    /// Largest difference there, in standard deviations of noise and scatter.
+    pub height: f64,
+}
+
+/// The fitted curve of a hypothesis, and what its parameters can still change about it.
+struct Curve {
+    mean: DVector<f64>,
+    slopes: DMatrix<f64>,
+}
+
+/// For each explanation, the places of those that it is confounded with, nearest first.
+///
+/// A hypothesis S, as fitted, adds something to the curve that the base model as fitted to the same
+/// measurement cannot absorb. T imitates it when T's fitted curve, moved as far as its own parameters
+/// allow, comes nearly as close: |c_S − c_T|² = (1 − cos²) |c_S − c_none|², all in the metric of the
+/// measurement's precision. Hypotheses with more effects, and parts of S, are not listed.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<Vec<usize>>> {
+    let curves: Vec<Curve> = explanations.iter().map(|explanation| curve(problem, explanation)).collect();
+    let base = explanations
+        .iter()
+        .position(|explanation| explanation.hypothesis.is_empty())
+        .context("no hypothesis without an effect")?;
+    explanations
+        .iter()
+        .enumerate()
+        .map(|(s, explanation)| {
+            if explanation.hypothesis.is_empty() {
+                return Ok(Vec::new());
+            }
+            let whole = distance(problem, explanation, &curves[s], &curves[base])?;
+            if whole < 1.0 {
+                return Ok(Vec::new());
+            }
+            let mut near = Vec::new();
+            for (t, other) in explanations.iter().enumerate() {
+                let has_it = is_part(&other.hypothesis, &explanation.hypothesis);
+                if has_it || other.hypothesis.len() > explanation.hypothesis.len() {
+                    continue;
+                }
+                let rest = distance(problem, explanation, &curves[s], &curves[t])?;
+                if rest < INDISTINCT && 1.0 - (rest / whole).powi(2) > PARALLEL * PARALLEL {
+                    near.push((rest, t));
+                }
+            }
+            near.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Ok(near.into_iter().take(MOST).map(|(_, t)| t).collect())
+        })
+        .collect()
+}
+
+fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
+    let model = Model::new(problem, &explanation.hypothesis, false);
+    let (mean, slopes) = model.gradient(explanation.evidence.modes[0].w.as_slice());
+    Curve { mean: DVector::from_vec(mean), slopes }
+}
+
+/// What is left of the difference of two curves when the parameters of the second are moved to make it
+/// small, in standard deviations.
+fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve) -> Result<f64> {
+    let model = Model::new(problem, &of.hypothesis, false);
+    let w = of.evidence.modes[0].w.as_slice();
+    let columns = DMatrix::from_fn(one.mean.len(), 1 + other.slopes.ncols(), |i, k| {
+        if k == 0 { one.mean[i] - other.mean[i] } else { other.slopes[(i, k - 1)] }
+    });
+    let none = vec![0.0; problem.predictor.basis().ncols()];
+    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(&columns))?;
+    let product = columns.tr_mul(&solved);
+    let moved = other.slopes.ncols();
+    // Moving is held back by the prior, whose unit is one.
+    let inner = product.view((1, 1), (moved, moved)) + DMatrix::identity(moved, moved);
+    let cross = product.view((1, 0), (moved, 1)).into_owned();
+    let factor = Cholesky::new(inner).context("the slopes of the curve are not finite")?;
+    Ok((product[(0, 0)] - cross.dot(&factor.solve(&cross))).max(0.0).sqrt())
+}
+
+/// Where the curves of two explanations differ most for their noise: the fifth of the steps of one
+/// observable with the largest sum of squares.
+pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation) -> Option<Difference> {
+    let steps = problem.steps();
+    let noise = Model::new(problem, &one.hypothesis, false).nuisances(one.evidence.modes[0].w.as_slice()).0;
+    let apart: Vec<f64> = one
+        .evidence
+        .mean
+        .iter()
+        .zip(&other.evidence.mean)
+        .enumerate()
+        .map(|(i, (a, b))| (a - b) / problem.spread(i / steps, &noise))
+        .collect();
+    let window = (steps / 5).max(1);
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (j, apart) in apart.chunks_exact(steps).enumerate() {
+        for start in 0..=steps - window {
+            let sum: f64 = apart[start..start + window].iter().map(|d| d * d).sum();
+            if best.is_none_or(|(most, _, _)| sum > most) {
+                best = Some((sum, j, start));
+            }
+        }
+    }
+    let (_, j, start) = best?;
+    let control = problem.path.control();
+    let inside = &apart[j * steps + start..j * steps + start + window];
+    Some(Difference {
+        observable: problem.observables[j].clone(),
+        from: control[start],
+        to: control[start + window - 1],
+        height: inside.iter().map(|d| d.abs()).fold(0.0, f64::max),
+    })
+}

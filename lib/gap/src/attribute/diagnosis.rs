@@ -1,0 +1,214 @@
+//! From tables to a diagnosis: the candidates of a design, an emulator of its runs, and what follows
+//! from them for one measurement.
+
+use anyhow::{Result, ensure};
+
+use crate::attribute::attribution::{Attribution, Explanation, attribute};
+use crate::attribute::closure::{self, Fitted, Shrink};
+use crate::attribute::confounding::confounded;
+use crate::attribute::hypothesis::Candidate;
+use crate::attribute::measurement::{Kind, MeasurementEffect};
+use crate::attribute::model::Model;
+use crate::attribute::problem::Problem;
+use gl_emulator::{Emulator, Options};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
+
+/// Components of an emulator at most: weak effects hide in the later ones.
+const COMPONENTS: usize = 20;
+
+/// What may explain a gap: the effects of the prior, and those of the measurement.
+///
+/// # Errors
+/// If there are none, an effect is on in no run, or in every one, or an observable is the same in every
+/// run.
+pub fn candidates(
+    prior: &Prior,
+    samples: &Samples,
+    ensemble: &Ensemble,
+    kinds: &[Kind],
+) -> Result<Vec<Candidate>> {
+    let values = samples.columns(&prior.names())?;
+    let places = samples.index();
+    let effects = prior.effects();
+    for effect in &effects {
+        let is_on = |name: &String| {
+            places.get(name.as_str()).is_some_and(|&row| {
+                let off = |&j: &usize| prior.parameters()[j].off;
+                effect.parameters.iter().any(|j| off(j).is_some_and(|off| !is_same(values[row][*j], off)))
+            })
+        };
+        let on = ensemble.samples.iter().filter(|name| is_on(name)).count();
+        let design = format!(
+            "make the design with `gl-sample -p params.txt -n {} --effects switch` and run it",
+            25 * prior.parameters().len()
+        );
+        ensure!(on > 0, "{}: the effect {} is on in no run; {design}", ensemble.source, effect.name);
+        ensure!(
+            on < ensemble.len(),
+            "{}: the effect {} is on in every run, so that the base model is not among them; {design}",
+            ensemble.source,
+            effect.name
+        );
+    }
+    let mut all: Vec<Candidate> = effects.into_iter().map(Candidate::Simulated).collect();
+    all.extend(MeasurementEffect::all(kinds, &ensemble.observables).into_iter().map(Candidate::Measured));
+    let names = ensemble.observables.iter().enumerate().filter(|_| !ensemble.is_empty());
+    for (j, name) in names {
+        let first = ensemble.curve(0, j);
+        ensure!(
+            (1..ensemble.len()).any(|run| ensemble.curve(run, j) != first),
+            "{}: {name} is the same in every run, so that no parameter can explain it; leave it out",
+            ensemble.source
+        );
+    }
+    ensure!(
+        !all.is_empty(),
+        "no candidate effect; name some in the column effect of the parameters, each with its value off, \
+         or give --measurement"
+    );
+    Ok(all)
+}
+
+fn is_same(value: f64, off: f64) -> bool {
+    (value - off).abs() <= 1e-9 * off.abs().max(1e-300)
+}
+
+/// An emulator of a design, good enough for a noise (if it is known).
+///
+/// # Errors
+/// If there are too few runs, or the tables do not belong together.
+pub fn emulate(
+    prior: &Prior,
+    samples: &Samples,
+    ensemble: &Ensemble,
+    noise: Option<&Vec<Vec<f64>>>,
+    seed: u64,
+) -> Result<Emulator> {
+    let options = Options { noise: noise.cloned(), max_components: COMPONENTS, seed, ..Options::default() };
+    Emulator::fit(prior, samples, ensemble, &options)
+}
+
+/// One row of a diagnosis.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// The hypothesis.
+    pub name: String,
+    /// Its probability.
+    pub probability: f64,
+    /// ln evidence; of `unexplained` that of all hypotheses with a discrepancy added.
+    pub ln_evidence: f64,
+    /// Standard error of it from the sampling; 0 for `unexplained`.
+    pub error: f64,
+    /// Root mean square of (measured − mean curve) / range.
+    pub gap: f64,
+    /// Share of the base model's gap that is left, above what noise and scatter alone would give.
+    pub left: f64,
+    /// Names of the hypotheses that the measurement cannot tell it from.
+    pub confounded: Vec<String>,
+    /// Position among the explanations; nothing for `unexplained`.
+    pub explanation: Option<usize>,
+}
+
+/// What follows from a measurement.
+pub struct Diagnosis {
+    /// All hypotheses and `unexplained`, most probable first.
+    pub rows: Vec<Row>,
+    /// Probability of each candidate to be in, in their order.
+    pub effects: Vec<(String, f64)>,
+    /// Probabilities, evidences and posteriors.
+    pub attribution: Attribution,
+    /// The gap that noise and scatter alone would leave of the most probable explanation.
+    pub floor: f64,
+}
+
+/// Weigh every set of up to `largest` candidates against the measurement.
+///
+/// # Errors
+/// If no hypothesis can be evaluated.
+pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diagnosis> {
+    let attribution = attribute(problem, largest, seed)?;
+    let explanations = &attribution.explanations;
+    let confounded = confounded(problem, explanations)?;
+    let floor = floor(problem, &explanations[0])?;
+    let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty());
+    let before = base.map_or(f64::NAN, |base| closure::gap(problem, &base.evidence.mean));
+    let mut rows: Vec<Row> = explanations
+        .iter()
+        .zip(&confounded)
+        .enumerate()
+        .map(|(place, (explanation, confounded))| {
+            let gap = closure::gap(problem, &explanation.evidence.mean);
+            Row {
+                name: explanation.name.clone(),
+                probability: explanation.probability,
+                ln_evidence: explanation.evidence.ln,
+                error: explanation.evidence.error,
+                gap,
+                left: closure::left(before, gap, floor),
+                confounded: confounded.iter().map(|&other| explanations[other].name.clone()).collect(),
+                explanation: Some(place),
+            }
+        })
+        .collect();
+    rows.push(Row {
+        name: "unexplained".to_owned(),
+        probability: attribution.unexplained,
+        ln_evidence: attribution.ln_unexplained,
+        error: 0.0,
+        gap: before,
+        left: 1.0,
+        confounded: Vec::new(),
+        explanation: None,
+    });
+    rows.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let effects = problem
+        .candidates
+        .iter()
+        .enumerate()
+        .map(|(i, candidate)| {
+            let has = explanations.iter().filter(|explanation| explanation.hypothesis.contains(&i));
+            (candidate.name().to_owned(), has.map(|explanation| explanation.probability).sum())
+        })
+        .collect();
+    Ok(Diagnosis { rows, effects, attribution, floor })
+}
+
+fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
+    let model = Model::new(problem, &explanation.hypothesis, false);
+    closure::floor(&model, explanation.evidence.modes[0].w.as_slice())
+}
+
+/// Predict how far the gap shrinks once the effects of an explanation are in the simulation.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn shrink(
+    problem: &Problem<'_>,
+    explanations: &[Explanation],
+    of: &Explanation,
+    seed: u64,
+) -> Result<Shrink> {
+    let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty()).unwrap_or(of);
+    let (before, after) =
+        (Model::new(problem, &base.hypothesis, false), Model::new(problem, &of.hypothesis, false));
+    let before = Fitted { model: &before, mode: &base.evidence.modes[0], mean: &base.evidence.mean };
+    let after = Fitted { model: &after, mode: &of.evidence.modes[0], mean: &of.evidence.mean };
+    closure::predicted_shrink(&before, &after, seed)
+}
+
+/// The noise as standard deviations, shape (observables, steps): the one given, or the one estimated
+/// with the most probable explanation.
+pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
+    let steps = problem.steps();
+    match &problem.noise {
+        Some(noise) => noise.chunks_exact(steps).map(<[f64]>::to_vec).collect(),
+        None => {
+            let best = &diagnosis.attribution.explanations[0];
+            let model = Model::new(problem, &best.hypothesis, false);
+            let shares = model.nuisances(best.evidence.modes[0].w.as_slice()).0;
+            shares.iter().zip(&problem.ranges).map(|(share, range)| vec![share * range; steps]).collect()
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! What may explain a gap: candidate effects, and every set of a few of them.
+
+use crate::attribute::measurement::MeasurementEffect;
+use gl_inference::prior::Effect;
+
+/// An effect that may be missing from the base model.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Candidate {
+    /// One that the simulator has, and the design switches on and off.
+    Simulated(Effect),
+    /// One of the measurement.
+    Measured(MeasurementEffect),
+}
+
+impl Candidate {
+    /// Its name.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Simulated(effect) => &effect.name,
+            Self::Measured(effect) => &effect.name,
+        }
+    }
+}
+
+/// A set of candidates that are in, as ascending positions in the list of candidates.
+pub type Hypothesis = Vec<usize>;
+
+/// Every set of up to `largest` of `candidates`, smaller ones first, in the order of the list.
+pub fn hypotheses(candidates: usize, largest: usize) -> Vec<Hypothesis> {
+    let mut all: Vec<Hypothesis> = vec![Vec::new()];
+    let mut start = 0;
+    for _ in 0..largest.min(candidates) {
+        let end = all.len();
+        for i in start..end {
+            let next = all[i].last().map_or(0, |last| last + 1);
+            for candidate in next..candidates {
+                let mut set = all[i].clone();
+                set.push(candidate);
+                all.push(set);
+            }
+        }
+        start = end;
+    }
+    all
+}
+
+/// Whether everything in the one hypothesis is in the other, too.
+pub fn is_part(one: &[usize], other: &[usize]) -> bool {
+    one.iter().all(|candidate| other.contains(candidate))
+}
+
+/// `none`, or the names of the effects joined by `+`.
+pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
+    if hypothesis.is_empty() {
+        return "none".to_owned();
+    }
+    hypothesis.iter().map(|&i| candidates[i].name()).collect::<Vec<_>>().join("+")
+}
+
+/// Natural logarithm of the prior odds of a hypothesis against `none`.
+///
+/// Who asks has seen a gap: that one of the candidates is at work is twice as likely beforehand as that none
+/// is, each as likely as the others. Every further one is in with odds of one to the number of candidates.
+pub fn ln_prior_odds(hypothesis: &[usize], candidates: usize) -> f64 {
+    if hypothesis.is_empty() {
+        return 0.0;
+    }
+    std::f64::consts::LN_2 - hypothesis.len() as f64 * (candidates.max(2) as f64).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_come_in_the_order_of_their_size_and_of_the_list() {
+        let sets = hypotheses(3, 2);
+        assert_eq!(sets, [vec![], vec![0], vec![1], vec![2], vec![0, 1], vec![0, 2], vec![1, 2]]);
+        assert_eq!(hypotheses(5, 5).len(), 32);
+        assert_eq!(hypotheses(1, 2).len(), 2);
+    }
+
+    #[test]
+    fn one_of_the_candidates_is_twice_as_likely_as_none_and_two_less_than_one() {
+        for count in [2, 5, 12] {
+            let of_size = |size: usize| {
+                let sets = hypotheses(count, 2);
+                let odds =
+                    sets.iter().filter(|set| set.len() == size).map(|set| ln_prior_odds(set, count).exp());
+                odds.sum::<f64>()
+            };
+            assert!((of_size(0) - 1.0).abs() < 1e-12 && (of_size(1) - 2.0).abs() < 1e-12);
+            assert!(of_size(2) < of_size(1), "{count}");
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! The most probable parameters of a hypothesis, by Levenberg–Marquardt from several starts.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::attribute::model::{Curve, Model, ln_prior};
+use gl_inference::prior::normal_quantile;
+
+/// A maximum of the posterior density.
+#[derive(Clone, Debug)]
+pub struct Mode {
+    /// Where it is, shape (parameters,).
+    pub w: DVector<f64>,
+    /// Covariance of the posterior about it, to second order, shape (parameters, parameters).
+    pub covariance: DMatrix<f64>,
+    /// ln of likelihood times prior there.
+    pub ln_posterior: f64,
+}
+
+/// Points of the prior from which the best are climbed.
+const SCREENED: usize = 64;
+/// How many of them are climbed.
+const CLIMBED: usize = 2;
+/// Modes that lie further below the best are left to the wide part of the proposal.
+const NEGLIGIBLE: f64 = 12.0;
+const ITERATIONS: usize = 30;
+
+/// Readings that are taken to be far off, at most, as a share of all.
+const MOST_OUTLIERS: f64 = 0.1;
+
+/// The modes found from the given starts (all parameters) and, without a rest, from the prior, best first.
+/// The model is told at the best of them which readings are far off, and what its effects add to the curve.
+pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> Vec<Mode> {
+    if let (true, Some(start)) = (model.has_rest(), starts.first()) {
+        model.set_form(&model.added(start), &[]);
+    }
+    let screened = if model.has_rest() { Vec::new() } else { screened(model, random) };
+    let modes: Vec<Mode> = starts.iter().cloned().chain(screened).map(|start| climb(model, start)).collect();
+    let mut modes = distinct(modes);
+    let Some(best) = modes.first().cloned() else { return modes };
+    let (best, is_changed) = with_outliers(model, best);
+    if is_changed {
+        let others = modes.iter().skip(1).map(|mode| climb(model, mode.w.as_slice().to_vec())).collect();
+        modes = distinct([vec![best], others].concat());
+    }
+    modes
+}
+
+/// Points of the prior that come nearest to the measurement.
+fn screened(model: &Model<'_>, random: &mut ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> + use<> {
+    let nuisances = vec![0.0; model.len() - model.curve_parameters()];
+    let unknown = vec![0.0; model.problem().predictor.scatter().len()];
+    let mut screened: Vec<(f64, Vec<f64>)> = (0..SCREENED)
+        .map(|_| {
+            let mut w: Vec<f64> = (0..model.curve_parameters()).map(|_| standard_normal(random)).collect();
+            w.extend(&nuisances);
+            let mean = model.mean(&w);
+            (model.ln_likelihood(&w, &Curve { mean, variance: unknown.clone() }), w)
+        })
+        .collect();
+    screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+    screened.into_iter().take(CLIMBED).map(|(_, w)| w)
+}
+
+/// The modes that lie apart, best first, without those that are negligible.
+fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
+    modes.sort_by(|a, b| b.ln_posterior.total_cmp(&a.ln_posterior));
+    let mut distinct: Vec<Mode> = Vec::new();
+    for mode in modes {
+        if distinct
+            .iter()
+            .all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
+        {
+            distinct.push(mode);
+        }
+    }
+    distinct
+}
+
+/// Take readings to be far off, one after the other, as long as that pays; whether anything has changed.
+fn with_outliers(model: &mut Model<'_>, mut best: Mode) -> (Mode, bool) {
+    let most = (MOST_OUTLIERS * model.problem().observed.len() as f64) as usize;
+    let mut is_changed = false;
+    while model.outliers().len() < most {
+        let curve = model.curve(best.w.as_slice());
+        let Some((reading, _)) = model.furthest_off(best.w.as_slice(), &curve) else { break };
+        let mut outliers = model.outliers().to_vec();
+        outliers.push(reading);
+        outliers.sort_unstable();
+        let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
+        model.set_form(&added, &outliers);
+        best = climb(model, best.w.as_slice().to_vec());
+        is_changed = true;
+    }
+    (best, is_changed)
+}
+
+/// Whether a mode lies more than two standard deviations from another.
+fn apart(one: &Mode, other: &Mode) -> bool {
+    let away = &other.w - &one.w;
+    Cholesky::new(one.covariance.clone()).is_none_or(|factor| away.dot(&factor.solve(&away)) > 4.0)
+}
+
+fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
+    let dimensions = model.curve_parameters();
+    let objective = |w: &[f64], curve: &Curve| model.ln_likelihood(w, curve) + ln_prior(w);
+    let mut w = start;
+    let mut curve = model.curve(&w);
+    settle_nuisances(model, &mut w, &curve);
+    let mut value = objective(&w, &curve);
+    let mut damping = 1e-2;
+    for iteration in 1..=ITERATIONS {
+        let Some((slope, information)) = normal_equations(model, &w, &curve) else { break };
+        let mut gained = 0.0;
+        while damping < 1e6 {
+            let mut damped = information.clone();
+            for i in 0..dimensions {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let Some(factor) = Cholesky::new(damped) else { break };
+            let mut step = factor.solve(&slope);
+            // Normal scores: a step of many is out of the prior, and of the linear range.
+            let length = step.amax();
+            if length > 2.0 {
+                step *= 2.0 / length;
+            }
+            let mut next = w.clone();
+            for (w, step) in next.iter_mut().zip(step.iter()) {
+                *w += step;
+            }
+            // The variance costs more than the curve and changes slowly: it is brought up to date
+            // now and then.
+            let there = Curve { mean: model.mean(&next), variance: curve.variance.clone() };
+            let better = objective(&next, &there);
+            if better > value {
+                gained = better - value;
+                (w, curve, value) = (next, there, better);
+                damping = (damping * 0.2).max(1e-9);
+                break;
+            }
+            damping *= 8.0;
+        }
+        let is_done = gained < 0.01;
+        if is_done || iteration % 3 == 0 {
+            curve = model.curve(&w);
+            settle_nuisances(model, &mut w, &curve);
+            let settled = objective(&w, &curve);
+            if is_done && settled - value < 0.1 {
+                value = settled;
+                break;
+            }
+            value = settled;
+        }
+    }
+    let mut covariance = DMatrix::identity(w.len(), w.len());
+    if let Some(factor) =
+        normal_equations(model, &w, &curve).and_then(|(_, curvature)| Cholesky::new(curvature))
+    {
+        covariance.view_mut((0, 0), (dimensions, dimensions)).copy_from(&factor.inverse());
+    }
+    let others = w.len() - dimensions;
+    covariance
+        .view_mut((dimensions, dimensions), (others, others))
+        .copy_from(&spread_of_nuisances(&w, dimensions, |w| objective(w, &curve)));
+    Mode { w: DVector::from_vec(w), covariance, ln_posterior: value }
+}
+
+/// Covariance of the nuisances, to second order by differences; of each for itself where all together have
+/// none.
+fn spread_of_nuisances(w: &[f64], first: usize, objective: impl Fn(&[f64]) -> f64) -> DMatrix<f64> {
+    const STEP: f64 = 0.1;
+    let count = w.len() - first;
+    let at = |i: usize, by: f64, k: usize, more: f64| {
+        let mut moved = w.to_vec();
+        moved[first + i] += by;
+        moved[first + k] += more;
+        objective(&moved)
+    };
+    let here = objective(w);
+    let mut bend = DMatrix::zeros(count, count);
+    let above: Vec<f64> = (0..count).map(|i| at(i, STEP, i, 0.0)).collect();
+    for i in 0..count {
+        let below = at(i, -STEP, i, 0.0);
+        // The prior alone bends by 1.
+        bend[(i, i)] = ((2.0 * here - above[i] - below) / (STEP * STEP)).max(0.5);
+        for k in 0..i {
+            let both = at(i, STEP, k, STEP);
+            bend[(i, k)] = (above[i] + above[k] - here - both) / (STEP * STEP);
+            bend[(k, i)] = bend[(i, k)];
+        }
+    }
+    Cholesky::new(bend.clone())
+        .map(|factor| factor.inverse())
+        .filter(|spread| spread.diagonal().iter().all(|variance| *variance < 4.0))
+        .unwrap_or_else(|| DMatrix::from_diagonal(&bend.diagonal().map(f64::recip)))
+}
+
+impl Mode {
+    /// ln evidence as if the posterior were normal about this mode (Laplace).
+    pub fn ln_evidence(&self) -> f64 {
+        let ln_det = self.covariance.determinant().max(1e-300).ln();
+        self.ln_posterior + 0.5 * (ln_det + self.w.len() as f64 * std::f64::consts::TAU.ln())
+    }
+}
+
+/// Slope of ln likelihood + ln prior by the curve parameters, and its curvature to second order, at a
+/// fixed covariance.
+fn normal_equations(model: &Model<'_>, w: &[f64], curve: &Curve) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let dimensions = model.curve_parameters();
+    let (_, gradient) = model.gradient(w);
+    let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&gradient)).ok()?;
+    let residual = DVector::from_vec(model.residual(&curve.mean));
+    let slope = solved.tr_mul(&residual) - DVector::from_column_slice(&w[..dimensions]);
+    let mut curvature = gradient.tr_mul(&solved);
+    for i in 0..dimensions {
+        curvature[(i, i)] += 1.0;
+    }
+    curvature.iter().all(|value| value.is_finite()).then_some((slope, curvature))
+}
+
+/// Put the nuisances where they are most probable, one after the other, the curve as it is.
+fn settle_nuisances(model: &Model<'_>, w: &mut [f64], curve: &Curve) {
+    const STEPS: [f64; 2] = [0.6, 0.15];
+    let objective = |w: &[f64], i: usize| model.ln_likelihood(w, curve) - 0.5 * w[i] * w[i];
+    for step in STEPS {
+        for i in model.curve_parameters()..w.len() {
+            let mut highest = objective(w, i);
+            for direction in [step, -step] {
+                let before = w[i];
+                let mut best = before;
+                while best.abs() < 4.0 {
+                    w[i] = best + direction;
+                    let height = objective(w, i);
+                    if height <= highest {
+                        break;
+                    }
+                    (best, highest) = (w[i], height);
+                }
+                w[i] = best;
+                if best != before {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+/// A standard normal number.
+pub fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
+    let u: f64 = random.random();
+    normal_quantile(u.clamp(1e-16, 1.0 - 1e-16))
+}

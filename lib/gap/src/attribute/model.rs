@@ -1,0 +1,358 @@
+//! One hypothesis as a statistical model: parameters that are standard normal beforehand, and the
+//! density of the measurement given them.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use nalgebra::{DMatrix, DVector};
+
+use crate::attribute::hypothesis::Candidate;
+use crate::attribute::measurement::MeasurementEffect;
+use crate::attribute::predictor::Prediction;
+use crate::attribute::gaussian::{Filled, Patterns};
+use crate::attribute::problem::{FAR_OFF, Nuisances, Problem};
+use gl_inference::prior::normal_cdf;
+
+/// A hypothesis: the base model, the candidates that are in, and perhaps something unknown: a rest.
+///
+/// Its parameters `w` are the normal scores of the prior: parameters of the simulation, sizes of
+/// effects of the measurement, then for each observable the scale of its noise and the correlation of it,
+/// then, with a rest, its amplitude for each observable and the size of the errors of the effects' form.
+/// All but the first two, the nuisances, change the covariance only.
+#[derive(Clone)]
+pub struct Model<'a> {
+    problem: &'a Problem<'a>,
+    /// Parameters of the prior that vary.
+    free: Vec<usize>,
+    measured: Vec<&'a MeasurementEffect>,
+    /// The point in coordinates, with every effect that is out at `off`.
+    off: Vec<f64>,
+    has_rest: bool,
+    /// Whether the form of the effects may be another.
+    has_form: bool,
+    /// Readings that are taken to be far off, ascending.
+    outliers: Vec<usize>,
+    /// Patterns that only this model has in its covariance.
+    own: Option<Arc<Patterns>>,
+}
+
+/// What a curve parameter stands for: a parameter of the prior, or an effect of the measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Meaning<'a> {
+    /// Its position in the prior.
+    Parameter(usize),
+    /// The effect whose size it is.
+    Size(&'a MeasurementEffect),
+}
+
+/// The expensive half of a likelihood: what the simulation gives.
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// The predicted measurement, shape (observables · steps).
+    pub mean: Vec<f64>,
+    /// Variance of each component.
+    pub variance: Vec<f64>,
+}
+
+/// Natural logarithms of the smallest and the largest noise, as shares of the range, when it is
+/// estimated: even in the logarithm between them (Jeffreys).
+const LN_NOISE: (f64, f64) = (-9.21, -0.69);
+
+/// Standard deviation of the logarithm of a noise about the one that is stated: repeatability was measured once,
+/// on another day, or is a maker's word.
+const SD_OF_LN_NOISE: f64 = 0.5;
+
+/// Largest correlation of the noise from one step to the next.
+const HIGHEST_PHI: f64 = 0.95;
+
+/// Smallest amplitude of a rest in noise and scatter; the largest is the range.
+const SMALLEST_AMPLITUDE: f64 = 0.1;
+
+/// Smallest and largest error of an effect's form, as shares of what it adds to the curve.
+const FORM: (f64, f64) = (0.02, 0.5);
+
+/// Probability beforehand of a reading to be far off.
+const OUTLIER: f64 = 0.01;
+
+impl<'a> Model<'a> {
+    /// The model of a hypothesis, with a rest or without.
+    pub fn new(problem: &'a Problem<'a>, hypothesis: &[usize], has_rest: bool) -> Self {
+        let parameters = problem.prior.parameters();
+        let mut free = problem.prior.base();
+        let mut measured = Vec::new();
+        for &candidate in hypothesis {
+            match &problem.candidates[candidate] {
+                Candidate::Simulated(effect) => free.extend(&effect.parameters),
+                Candidate::Measured(effect) => measured.push(effect),
+            }
+        }
+        // The control is moved first, readings last: that is the order in the rig.
+        measured.sort_by_key(|effect| match effect.kind {
+            crate::attribute::measurement::Kind::Compliance => 0,
+            crate::attribute::measurement::Kind::Lag => 1,
+            crate::attribute::measurement::Kind::Gain => 2,
+            _ => 3,
+        });
+        let off = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
+        let has_form = has_rest && !hypothesis.is_empty();
+        let mut model =
+            Self { problem, free, measured, off, has_rest, has_form, outliers: Vec::new(), own: None };
+        if has_form {
+            model.set_form(&vec![0.0; problem.observed.len()], &[]);
+        }
+        model
+    }
+
+    /// Take the form of the effects to err in proportion to what they add to the curve, shape (observables ·
+    /// steps), where there is a rest; and these readings, ascending, to be far off.
+    pub fn set_form(&mut self, added: &[f64], outliers: &[usize]) {
+        self.outliers = outliers.to_vec();
+        let added = self.has_form.then_some(added);
+        let is_plain = added.is_none() && outliers.is_empty();
+        self.own = (!is_plain).then(|| Arc::new(self.problem.patterns_with(added, outliers)));
+    }
+
+    /// What the effects add to the curve, shape (observables · steps).
+    pub fn added(&self, w: &[f64]) -> Vec<f64> {
+        let base = self.problem.prior.base();
+        let mut without = self.point(w);
+        for &j in self.free.iter().filter(|j| !base.contains(j)) {
+            without[j] = self.off[j];
+        }
+        let off = self.simulated(&self.problem.predictor.mean(&without));
+        self.mean(w).iter().zip(&off).map(|(on, off)| on - off).collect()
+    }
+
+    /// Readings that are taken to be far off, ascending.
+    pub fn outliers(&self) -> &[usize] {
+        &self.outliers
+    }
+
+    /// Whether something unknown is at work, too.
+    pub fn has_rest(&self) -> bool {
+        self.has_rest
+    }
+
+    /// Positions in the prior of the simulation's parameters that vary; they come first.
+    pub fn simulated_parameters(&self) -> &[usize] {
+        &self.free
+    }
+
+    /// Number of parameters that move the curve.
+    pub fn curve_parameters(&self) -> usize {
+        self.free.len() + self.measured.len()
+    }
+
+    /// Number of all parameters.
+    pub fn len(&self) -> usize {
+        let of_rest = if self.has_rest { self.problem.ranges.len() } else { 0 };
+        self.without_rest() + of_rest + usize::from(self.has_form)
+    }
+
+    /// Number of parameters of the same hypothesis without a rest, which come first.
+    pub fn without_rest(&self) -> usize {
+        self.curve_parameters() + 2 * self.problem.ranges.len()
+    }
+
+    /// Whether nothing varies.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// What each curve parameter stands for.
+    pub fn meanings(&self) -> Vec<Meaning<'a>> {
+        let parameters = self.free.iter().map(|&j| Meaning::Parameter(j));
+        parameters.chain(self.measured.iter().map(|effect| Meaning::Size(effect))).collect()
+    }
+
+    /// Parameters to start from: those of another model where they mean the same, 0 elsewhere.
+    pub fn start_from(&self, other: &Self, w: &[f64]) -> Vec<f64> {
+        let theirs = other.meanings();
+        let same = |meaning: &Meaning<'a>| theirs.iter().position(|other| other == meaning);
+        let mut start: Vec<f64> =
+            self.meanings().iter().map(|meaning| same(meaning).map_or(0.0, |i| w[i])).collect();
+        start.extend(&w[other.curve_parameters()..other.without_rest()]);
+        if self.has_rest && other.has_rest {
+            start.extend(&w[other.without_rest()..]);
+        }
+        start.resize(self.len(), 0.0);
+        start
+    }
+
+    /// The same hypothesis without a rest.
+    pub fn plain(&self) -> Self {
+        let mut plain = self.clone();
+        (plain.has_rest, plain.has_form) = (false, false);
+        plain.set_form(&[], &self.outliers);
+        plain
+    }
+
+    /// The problem that it belongs to.
+    pub fn problem(&self) -> &'a Problem<'a> {
+        self.problem
+    }
+
+    /// The point in coordinates of the simulation.
+    pub fn point(&self, w: &[f64]) -> Vec<f64> {
+        let mut point = self.off.clone();
+        for (&j, &w) in self.free.iter().zip(w) {
+            let parameter = &self.problem.prior.parameters()[j];
+            point[j] = match parameter.normal {
+                None => normal_cdf(w),
+                Some(_) => parameter.coordinate(parameter.quantile(normal_cdf(w))),
+            };
+        }
+        point
+    }
+
+    /// What the simulation and the measurement make of the parameters.
+    pub fn curve(&self, w: &[f64]) -> Curve {
+        let Prediction { mean, variance } = self.problem.predictor.predict(&self.point(w));
+        Curve { mean: self.measure(self.simulated(&mean), w), variance }
+    }
+
+    /// The predicted measurement without its variance, shape (observables · steps).
+    pub fn mean(&self, w: &[f64]) -> Vec<f64> {
+        self.measure(self.simulated(&self.problem.predictor.mean(&self.point(w))), w)
+    }
+
+    fn simulated(&self, components: &[f64]) -> Vec<f64> {
+        let predictor = self.problem.predictor;
+        let mut curve = predictor.centre().to_vec();
+        for (pattern, &component) in predictor.basis().column_iter().zip(components) {
+            for (y, p) in curve.iter_mut().zip(pattern.iter()) {
+                *y += component * p;
+            }
+        }
+        curve
+    }
+
+    fn measure(&self, mut curve: Vec<f64>, w: &[f64]) -> Vec<f64> {
+        for (effect, &w) in self.measured.iter().zip(&w[self.free.len()..]) {
+            effect.apply(effect.size(w), &self.problem.path, &self.problem.ranges, &mut curve);
+        }
+        curve
+    }
+
+    /// Derivative of the curve by the parameters that move it, shape (readings, curve parameters),
+    /// and the curve itself.
+    pub fn gradient(&self, w: &[f64]) -> (Vec<f64>, DMatrix<f64>) {
+        const STEP: f64 = 1e-4;
+        let predictor = self.problem.predictor;
+        let point = self.point(w);
+        let simulated = self.simulated(&predictor.mean(&point));
+        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let mut gradient = DMatrix::zeros(simulated.len(), self.curve_parameters());
+        let mut moved = w.to_vec();
+        for (column, &j) in self.free.iter().enumerate() {
+            moved[column] = w[column] + STEP;
+            let above = self.point(&moved)[j];
+            moved[column] = w[column] - STEP;
+            let below = self.point(&moved)[j];
+            moved[column] = w[column];
+            let slope = by_coordinate.column(j) * ((above - below) / (2.0 * STEP));
+            if self.measured.is_empty() {
+                gradient.set_column(column, &slope);
+                continue;
+            }
+            let shifted = |sign: f64| {
+                let curve = simulated.iter().zip(slope.iter()).map(|(y, s)| y + sign * STEP * s).collect();
+                DVector::from_vec(self.measure(curve, w))
+            };
+            gradient.set_column(column, &((shifted(1.0) - shifted(-1.0)) / (2.0 * STEP)));
+        }
+        for column in self.free.len()..self.curve_parameters() {
+            moved[column] = w[column] + STEP;
+            let above = DVector::from_vec(self.measure(simulated.clone(), &moved));
+            moved[column] = w[column] - STEP;
+            let below = DVector::from_vec(self.measure(simulated.clone(), &moved));
+            moved[column] = w[column];
+            gradient.set_column(column, &((above - below) / (2.0 * STEP)));
+        }
+        (self.measure(simulated, w), gradient)
+    }
+
+    /// What changes the covariance.
+    pub fn nuisances(&self, w: &[f64]) -> Nuisances {
+        let between = |(low, high): (f64, f64), w: f64| (low + (high - low) * normal_cdf(w)).exp();
+        let observables = self.problem.ranges.len();
+        let (scales, rest) = w[self.curve_parameters()..].split_at(observables);
+        let (phi, rest) = rest.split_at(observables);
+        let scale = |w: &f64| {
+            if self.problem.is_noise_stated { (SD_OF_LN_NOISE * w).exp() } else { between(LN_NOISE, *w) }
+        };
+        let scales: Vec<f64> = scales.iter().map(scale).collect();
+        // Mostly small: above a half in one of ten cases.
+        let phi = phi.iter().map(|w| HIGHEST_PHI * normal_cdf(1.2 * w - 1.5)).collect();
+        let amplitudes = if self.has_rest { &rest[..observables] } else { &[] };
+        let amplitudes = amplitudes
+            .iter()
+            .enumerate()
+            .map(|(j, &w)| {
+                let largest = (self.problem.ranges[j] / self.problem.spread(j, &scales)).max(20.0);
+                between((SMALLEST_AMPLITUDE.ln(), largest.ln()), w)
+            })
+            .collect();
+        let form = self.has_form.then(|| between((FORM.0.ln(), FORM.1.ln()), rest[observables]));
+        Nuisances { scales, phi, amplitudes, form }
+    }
+
+    /// Use the covariance of the measurement about a curve.
+    ///
+    /// # Errors
+    /// If it is not finite.
+    pub fn with_covariance<T>(
+        &self,
+        w: &[f64],
+        component_variance: &[f64],
+        visit: impl FnOnce(&Filled<'_>) -> T,
+    ) -> Result<T> {
+        let more = self.own.as_ref().map(|own| (own.as_ref(), self.outliers.as_slice()));
+        self.problem.with_covariance(&self.nuisances(w), component_variance, more, visit)
+    }
+
+    /// What the measurement has more than a curve, shape (readings,).
+    pub fn residual(&self, curve: &[f64]) -> Vec<f64> {
+        self.problem.observed.iter().zip(curve).map(|(seen, y)| seen - y).collect()
+    }
+
+    /// ln N(measurement; curve, Σ), with the odds of the readings that are far off to be so; −∞ where the
+    /// covariance is not finite.
+    pub fn ln_likelihood(&self, w: &[f64], curve: &Curve) -> f64 {
+        let residual = self.residual(&curve.mean);
+        self.with_covariance(w, &curve.variance, |covariance| covariance.ln_density(&residual))
+            .ok()
+            .filter(|value| value.is_finite())
+            .map_or(f64::NEG_INFINITY, |value| value + self.outliers.len() as f64 * ln_outlier_odds())
+    }
+
+    /// The reading that it would pay most to take for one that is far off, with what the density gains by that.
+    pub fn furthest_off(&self, w: &[f64], curve: &Curve) -> Option<(usize, f64)> {
+        let residual = DMatrix::from_vec(curve.mean.len(), 1, self.residual(&curve.mean));
+        let scales = self.nuisances(w).scales;
+        let steps = self.problem.steps();
+        let found = self.with_covariance(w, &curve.variance, |covariance| {
+            let precise = covariance.solve(&residual);
+            let precisions = covariance.precisions();
+            let gain = |i: usize| {
+                let more = (FAR_OFF * scales[i / steps] * self.problem.units[i]).powi(2);
+                let wider = 1.0 + more * precisions[i];
+                0.5 * (precise[i].powi(2) * more / wider - wider.ln()) + ln_outlier_odds()
+            };
+            (0..residual.len())
+                .filter(|i| !self.outliers.contains(i))
+                .map(|i| (i, gain(i)))
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+        });
+        found.ok().flatten().filter(|(_, gain)| *gain > 0.0)
+    }
+}
+
+fn ln_outlier_odds() -> f64 {
+    (OUTLIER / (1.0 - OUTLIER)).ln()
+}
+
+/// ln of the standard normal density, shape (parameters,).
+pub fn ln_prior(w: &[f64]) -> f64 {
+    -0.5 * w.iter().map(|w| w * w + std::f64::consts::TAU.ln()).sum::<f64>()
+}

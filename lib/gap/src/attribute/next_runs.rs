@@ -1,0 +1,131 @@
+//! Which runs to make next: where the hypotheses that are in question put the parameters.
+
+use anyhow::{Context, Result};
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::hypothesis::{is_part, ln_prior_odds};
+use crate::attribute::model::Model;
+use crate::attribute::problem::Problem;
+use gl_inference::prior::{normal_cdf, normal_quantile};
+use gl_numeric::sequence::{self, Method};
+use gl_numeric::statistics::moments;
+
+/// What the odds of a hypothesis are raised to: those that a better emulator may yet favour get runs, too.
+const FLATTENED: f64 = 0.25;
+
+/// Hypotheses that would get a smaller share of the runs than this get none, unless the first contains them.
+const LEAST_SHARE: f64 = 0.02;
+
+/// Weight at least, beside that of all others together, of what the first hypothesis contains, `none` among
+/// it: what is simpler must not lose by an emulator that nobody has tried there.
+const SIMPLER: f64 = 0.2;
+
+/// Runs are drawn from a normal distribution this many times as wide as the posterior: the runs so far may
+/// have misplaced it.
+const WIDER: f64 = 1.5;
+
+/// Largest normal score of a parameter: 0.6 % of the prior lie beyond on either side.
+const FURTHEST: f64 = 2.5;
+
+/// Parameters of `count` runs that would teach an emulator most about this measurement, shape (count,
+/// parameters): from the posteriors, widened, of all hypotheses that are not out of the question or that the
+/// first one contains.
+///
+/// # Errors
+/// If a posterior has no covariance.
+pub fn next_runs(
+    problem: &Problem<'_>,
+    explanations: &[Explanation],
+    count: usize,
+    seed: u64,
+) -> Result<Vec<Vec<f64>>> {
+    let mut runs = Vec::with_capacity(count);
+    for (place, share) in shares(problem, explanations, count).into_iter().enumerate() {
+        if share > 0 {
+            runs.extend(draw(problem, &explanations[place], share, seed + place as u64)?);
+        }
+    }
+    Ok(runs)
+}
+
+/// How many runs each explanation gets.
+fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> Vec<usize> {
+    let ln_odds: Vec<f64> = explanations
+        .iter()
+        .map(|of| of.evidence.ln + ln_prior_odds(&of.hypothesis, problem.candidates.len()))
+        .collect();
+    let Some(first) = (0..ln_odds.len()).max_by(|&a, &b| ln_odds[a].total_cmp(&ln_odds[b])) else {
+        return Vec::new();
+    };
+    let flattened: Vec<f64> = ln_odds.iter().map(|ln| (FLATTENED * (ln - ln_odds[first])).exp()).collect();
+    let whole: f64 = flattened.iter().sum();
+    let weight = |(of, &weight): (&Explanation, &f64)| {
+        if is_part(&of.hypothesis, &explanations[first].hypothesis) {
+            weight.max(SIMPLER * whole)
+        } else if weight < LEAST_SHARE * whole {
+            0.0
+        } else {
+            weight
+        }
+    };
+    let weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
+    let whole: f64 = weights.iter().sum();
+    // Systematic: the sums up to each explanation, rounded, so that none is more than one off its share.
+    let mut sum = 0.0;
+    let mut given = 0;
+    weights
+        .iter()
+        .map(|weight| {
+            sum += weight / whole;
+            let until = (count as f64 * sum).round() as usize;
+            let share = until - given;
+            given = until;
+            share
+        })
+        .collect()
+}
+
+/// Draw runs from the widened posterior of one explanation.
+fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
+    let free = Model::new(problem, &of.hypothesis, false).simulated_parameters().to_vec();
+    let dimensions = free.len();
+    let scores: Vec<DVector<f64>> =
+        of.evidence.samples.iter().map(|w| DVector::from_column_slice(&w[..dimensions])).collect();
+    let (mean, covariance) = moments(&scores, &of.evidence.weights);
+    let wider = covariance * (WIDER * WIDER) + DMatrix::identity(dimensions, dimensions) * 1e-8;
+    let factor = Cholesky::new(wider).context("a posterior without a covariance")?.unpack();
+    let parameters = problem.prior.parameters();
+    let run = |point: &Vec<f64>| {
+        let normal = DVector::from_iterator(dimensions, point.iter().map(|&u| normal_quantile(u)));
+        let w = &mean + &factor * normal;
+        let mut values = problem.prior.with_effects_off();
+        for (&j, w) in free.iter().zip(w.iter()) {
+            values[j] = parameters[j].quantile(normal_cdf(w.clamp(-FURTHEST, FURTHEST)));
+        }
+        values
+    };
+    Ok(sequence::points(Method::Halton, count, dimensions, Some(seed))?.iter().map(run).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribute::attribution::attribute;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn what_the_first_hypothesis_contains_gets_runs_even_where_it_is_out_of_the_question() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem =
+            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let shares = shares(&problem, &explanations, 60);
+        let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];
+        assert_eq!(explanations[0].name, "wave");
+        assert!(explanations[1].probability < 1e-6, "{explanations:?}");
+        assert_eq!((of("wave"), of("none"), of("offset(y)")), (50, 10, 0));
+    }
+}

@@ -1,0 +1,149 @@
+//! The control as a path, with turning points where the loading is cyclic.
+
+use gl_inference::observations::range;
+
+/// Control values of a measurement in the order in which they were imposed.
+#[derive(Clone, Debug)]
+pub struct Path {
+    control: Vec<f64>,
+    /// Way travelled along the control, as a share of the whole, from 0 to 1.
+    travelled: Vec<f64>,
+    /// First step of the branch of each step, and one past its last. Neighbours share their turning
+    /// point.
+    branch: Vec<(usize, usize)>,
+}
+
+impl Path {
+    /// The path of control values, shape (steps,).
+    pub fn new(control: &[f64]) -> Self {
+        let steps = control.len();
+        let way: Vec<f64> = (0..steps)
+            .scan(0.0, |sum, t| {
+                *sum += if t == 0 { 0.0 } else { (control[t] - control[t - 1]).abs() };
+                Some(*sum)
+            })
+            .collect();
+        let whole = way.last().copied().unwrap_or(0.0);
+        let travelled = (0..steps)
+            .map(|t| if whole > 0.0 { way[t] / whole } else { t as f64 / (steps.max(2) - 1) as f64 })
+            .collect();
+        let mut branch = Vec::with_capacity(steps);
+        let mut start = 0;
+        while start + 1 < steps {
+            let direction = control[start + 1] - control[start];
+            let mut end = start + 1;
+            while end + 1 < steps && (control[end + 1] - control[end]) * direction > 0.0 {
+                end += 1;
+            }
+            branch.resize(end + 1, (start, end + 1));
+            start = end;
+        }
+        branch.resize(steps, (0, steps));
+        Self { control: control.to_vec(), travelled, branch }
+    }
+
+    /// Control values, shape (steps,).
+    pub fn control(&self) -> &[f64] {
+        &self.control
+    }
+
+    /// Largest minus smallest control value.
+    pub fn range(&self) -> f64 {
+        range(&self.control)
+    }
+
+    /// Way travelled up to each step, as a share of the whole, shape (steps,).
+    pub fn travelled(&self) -> &[f64] {
+        &self.travelled
+    }
+
+    /// Where each step stands, from 0 to 1: midway between its share of the way and its share of the
+    /// steps, which are set closer together where more happens, shape (steps,).
+    pub fn places(&self) -> Vec<f64> {
+        let last = (self.travelled.len().max(2) - 1) as f64;
+        self.travelled.iter().enumerate().map(|(t, way)| 0.5 * (way + t as f64 / last)).collect()
+    }
+
+    /// A curve as it was a way `lag` (a share of the control's range) earlier, across turning points. What
+    /// was there before the test began is what it began with.
+    pub fn delayed(&self, curve: &[f64], lag: f64) -> Vec<f64> {
+        let whole: f64 = self.control.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+        let share = if whole > 0.0 { lag * self.range() / whole } else { 0.0 };
+        self.travelled.iter().map(|&at| interpolate(&self.travelled, curve, (at - share).max(0.0))).collect()
+    }
+
+    /// A curve at control values `shift` further on, each on its own branch, shapes (steps,).
+    pub fn shifted(&self, curve: &[f64], shift: &[f64]) -> Vec<f64> {
+        (0..curve.len())
+            .map(|t| {
+                let (start, end) = self.branch[t];
+                interpolate(&self.control[start..end], &curve[start..end], self.control[t] + shift[t])
+            })
+            .collect()
+    }
+}
+
+/// Cubic through four neighbours (Hermite, slopes from finite differences), a straight line beyond
+/// the ends. `x` rises or falls throughout.
+fn interpolate(x: &[f64], y: &[f64], at: f64) -> f64 {
+    let n = x.len();
+    if n < 2 {
+        return y.first().copied().unwrap_or(f64::NAN);
+    }
+    let rising = x[n - 1] > x[0];
+    let next = x.partition_point(|&value| if rising { value <= at } else { value >= at });
+    let i = next.clamp(1, n - 1) - 1;
+    let slope = |i: usize| {
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        let width = x[after] - x[before];
+        if width == 0.0 { 0.0 } else { (y[after] - y[before]) / width }
+    };
+    if next == 0 {
+        return y[0] + slope(0) * (at - x[0]);
+    }
+    if next == n {
+        return y[n - 1] + slope(n - 1) * (at - x[n - 1]);
+    }
+    let width = x[i + 1] - x[i];
+    let t = (at - x[i]) / width;
+    let (a, b) = (slope(i) * width, slope(i + 1) * width);
+    let step = y[i + 1] - y[i];
+    y[i] + t * (a + t * (3.0 * step - 2.0 * a - b + t * (a + b - 2.0 * step)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_is_shifted_exactly_inside() {
+        let control: Vec<f64> = (0..11).map(f64::from).collect();
+        let curve: Vec<f64> = control.iter().map(|u| u * u).collect();
+        let shifted = Path::new(&control).shifted(&curve, &[-0.3; 11]);
+        for t in 2..10 {
+            assert!((shifted[t] - (control[t] - 0.3).powi(2)).abs() < 1e-12, "{t}");
+        }
+        assert_eq!(Path::new(&control).shifted(&curve, &[0.0; 11]), curve);
+    }
+
+    #[test]
+    fn a_shift_stays_on_its_branch_and_a_lag_crosses_the_turning_point() {
+        let control = [0.0, 1.0, 2.0, 1.0, 0.0];
+        let path = Path::new(&control);
+        let curve = [0.0, 1.0, 2.0, 3.0, 4.0];
+        assert_eq!(path.shifted(&curve, &[0.0, 0.5, 0.0, 0.5, 0.0]), [0.0, 1.5, 2.0, 2.5, 4.0]);
+        let late = path.delayed(&curve, 0.25);
+        for (t, value) in late.iter().enumerate() {
+            assert!((value - (t as f64 - 0.5).max(0.0)).abs() < 1e-12, "{late:?}");
+        }
+    }
+
+    #[test]
+    fn a_lag_makes_nothing_up_from_before_the_test_began() {
+        let control: Vec<f64> = (0..40).map(f64::from).collect();
+        let curve: Vec<f64> = control.iter().map(|u| u.sqrt()).collect();
+        let late = Path::new(&control).delayed(&curve, 3.0 / 39.0);
+        assert!(late[..4].iter().all(|value| value.abs() < 1e-12), "{:?}", &late[..4]);
+        assert!((late[20] - 17f64.sqrt()).abs() < 1e-6);
+    }
+}

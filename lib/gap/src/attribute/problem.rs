@@ -1,0 +1,275 @@
+//! The question that every hypothesis answers: a measurement, and a simulation to explain it by.
+
+use anyhow::{Context, Result, ensure};
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::attribute::discrepancy::Smooth;
+use crate::attribute::gaussian::{Filled, Level, Patterns};
+use crate::attribute::hypothesis::Candidate;
+use crate::attribute::path::Path;
+use crate::attribute::predictor::Predictor;
+use gl_inference::observations::Observations;
+use gl_inference::prior::Prior;
+
+/// What all hypotheses share.
+pub struct Problem<'a> {
+    /// The simulation at any parameters; its points are coordinates of all parameters of the prior.
+    pub predictor: &'a dyn Predictor,
+    /// The parameters and their prior.
+    pub prior: &'a Prior,
+    /// What may explain the gap.
+    pub candidates: Vec<Candidate>,
+    /// What was measured, shape (observables · steps).
+    pub observed: Vec<f64>,
+    /// Range of each observable, shape (observables,).
+    pub ranges: Vec<f64>,
+    /// Names of the observables.
+    pub observables: Vec<String>,
+    /// Name of the control.
+    pub control_name: String,
+    /// The control.
+    pub path: Path,
+    /// Whether a noise is stated, or else is estimated with the fit.
+    pub is_noise_stated: bool,
+    /// The unit of the noise of every reading, shape (observables · steps): the stated standard deviation,
+    /// or the range of the observable.
+    pub units: Vec<f64>,
+    /// Share of the simulation's own scatter that the measurement has too.
+    pub scatter: f64,
+    /// Smooth patterns of a discrepancy of one observable.
+    pub smooth: Smooth,
+    /// Variance of each component by the simulation's scatter.
+    component_scatter: Vec<f64>,
+    /// Lower factor of the correlation of the components' errors.
+    correlation: DMatrix<f64>,
+    /// What an effect of another form would be multiplied by.
+    form: Smooth,
+    /// All patterns of the covariance: the predictor's, and the smooth ones of each observable.
+    patterns: DMatrix<f64>,
+    /// The same with what they have in common with the noise.
+    covariance: Patterns,
+    /// Mean variance of what the components leave out of each observable, in units of the noise's.
+    left_over: Vec<f64>,
+    /// Mean variance of an observable from the simulation's scatter, times its share.
+    scatter_variance: Vec<f64>,
+}
+
+/// The smooth discrepancy that every hypothesis is granted, as a share of noise and scatter: no
+/// model is exact.
+const SMALL: f64 = 0.15;
+
+/// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
+/// the normal distribution.
+const HEAVY_TAILS: f64 = 2.0;
+
+impl<'a> Problem<'a> {
+    /// * `noise` — standard deviations as stated, shape (observables, steps), or nothing to estimate them.
+    /// * `scatter` — share of the simulation's scatter that the measurement has, not negative.
+    ///
+    /// # Errors
+    /// If the predictor has curves of another length, an observable is constant, or a noise is not
+    /// positive.
+    pub fn new(
+        predictor: &'a dyn Predictor,
+        prior: &'a Prior,
+        candidates: Vec<Candidate>,
+        observations: &Observations,
+        noise: Option<Vec<Vec<f64>>>,
+        scatter: f64,
+    ) -> Result<Self> {
+        let (observables, steps) = (observations.names.len(), observations.steps());
+        ensure!(
+            predictor.centre().len() == observables * steps,
+            "{}: {} readings, but the simulation gives {}",
+            observations.source,
+            observables * steps,
+            predictor.centre().len()
+        );
+        ensure!(scatter >= 0.0, "--scatter {scatter}: give a share of at least 0");
+        let ranges = observations.ranges();
+        for (name, &range) in observations.names.iter().zip(&ranges) {
+            ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
+        }
+        let noise: Option<Vec<f64>> = noise.map(|noise| noise.concat());
+        ensure!(
+            noise.iter().flatten().all(|&sd| sd > 0.0),
+            "{}: a noise of zero; give its standard deviation with --noise",
+            observations.source
+        );
+        let path = Path::new(&observations.control);
+        let smooth = Smooth::new(&path.places());
+        let component_scatter = predictor.scatter();
+        let components = component_scatter.len();
+        let correlation = Cholesky::new(predictor.correlation())
+            .context("the correlation of the components' errors is not positive definite")?
+            .unpack();
+        let mut patterns = DMatrix::zeros(observables * steps, components + observables * smooth.len());
+        patterns.columns_mut(0, components).copy_from(predictor.basis());
+        for j in 0..observables {
+            patterns
+                .view_mut((j * steps, components + j * smooth.len()), (steps, smooth.len()))
+                .copy_from(&smooth.patterns);
+        }
+        let roots = DVector::from_iterator(components, component_scatter.iter().map(|tau| tau.sqrt()));
+        let scattered = predictor.basis() * DMatrix::from_diagonal(&roots) * &correlation;
+        let scatter_variance = (0..observables)
+            .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
+            .collect();
+        let is_noise_stated = noise.is_some();
+        let units = noise.unwrap_or_else(|| ranges.iter().flat_map(|&range| vec![range; steps]).collect());
+        let covariance = Patterns::new(&units, steps, &patterns, &correlation);
+        let left_over = (0..observables)
+            .map(|j| {
+                let own = j * steps..(j + 1) * steps;
+                let rest: f64 = predictor.left_over()[own.clone()].iter().sum();
+                HEAVY_TAILS * rest / units[own].iter().map(|unit| unit * unit).sum::<f64>()
+            })
+            .collect();
+        let form = Smooth::of_form(&path.places());
+        Ok(Self {
+            predictor,
+            prior,
+            candidates,
+            observed: observations.values.concat(),
+            ranges,
+            observables: observations.names.clone(),
+            control_name: observations.control_name.clone(),
+            path,
+            is_noise_stated,
+            units,
+            scatter,
+            smooth,
+            component_scatter,
+            correlation,
+            form,
+            patterns,
+            covariance,
+            left_over,
+            scatter_variance,
+        })
+    }
+
+    /// Number of steps.
+    pub fn steps(&self) -> usize {
+        self.path.control().len()
+    }
+
+    /// A factor of the covariance of the emulator's error at the variances of its components, with
+    /// what the components leave out, shape (readings, components + readings).
+    pub fn emulator_errors(&self, component_variance: &[f64]) -> DMatrix<f64> {
+        let variance: Vec<f64> =
+            component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
+        let rest: Vec<f64> =
+            self.predictor.left_over().iter().map(|rest| (HEAVY_TAILS * rest).sqrt()).collect();
+        self.factor(&variance, &rest)
+    }
+
+    /// A factor of the covariance of noise and scatter, in the same shape; `scales` are those of the noise, in
+    /// its units, shape (observables,).
+    pub fn measurement_errors(&self, scales: &[f64]) -> DMatrix<f64> {
+        let steps = self.steps();
+        let sd: Vec<f64> = self.units.iter().enumerate().map(|(i, unit)| scales[i / steps] * unit).collect();
+        let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
+        self.factor(&variance, &sd)
+    }
+
+    /// Correlated components of these variances, and independent readings of these deviations.
+    fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
+        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
+        factor
+            .columns_mut(0, variance.len())
+            .copy_from(&(self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation));
+        for (i, sd) in sd.iter().enumerate() {
+            factor[(i, variance.len() + i)] = *sd;
+        }
+        factor
+    }
+
+    /// The patterns of the covariance of a model that has more of them than all have: errors of the form of an
+    /// effect that adds this to the curve, shape (observables · steps), and readings that are far off.
+    pub fn patterns_with(&self, added: Option<&[f64]>, outliers: &[usize]) -> Patterns {
+        let steps = self.steps();
+        let forms = if added.is_some() { self.ranges.len() * self.form.len() } else { 0 };
+        let own = self.patterns.ncols();
+        let mut patterns = DMatrix::zeros(self.observed.len(), own + forms + outliers.len());
+        patterns.columns_mut(0, own).copy_from(&self.patterns);
+        if let Some(added) = added {
+            for (i, y) in added.iter().enumerate() {
+                let first = own + i / steps * self.form.len();
+                for k in 0..self.form.len() {
+                    patterns[(i, first + k)] = y * self.form.patterns[(i % steps, k)];
+                }
+            }
+        }
+        for (k, &reading) in outliers.iter().enumerate() {
+            patterns[(reading, own + forms + k)] = self.units[reading];
+        }
+        Patterns::new(&self.units, steps, &patterns, &self.correlation)
+    }
+
+    /// Use the covariance at nuisances and the variances of the components; `more` are the patterns of
+    /// [`Self::patterns_with`], if there are any, and the readings that are far off.
+    ///
+    /// # Errors
+    /// If the covariance is not finite.
+    pub fn with_covariance<T>(
+        &self,
+        nuisances: &Nuisances,
+        component_variance: &[f64],
+        more: Option<(&Patterns, &[usize])>,
+        visit: impl FnOnce(&Filled<'_>) -> T,
+    ) -> Result<T> {
+        let mut variances: Vec<f64> = component_variance
+            .iter()
+            .zip(&self.component_scatter)
+            .map(|(variance, scatter)| HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
+            .collect();
+        for j in 0..self.ranges.len() {
+            let unit = self.spread(j, &nuisances.scales).powi(2);
+            let amplitude = nuisances.amplitudes.get(j).copied().unwrap_or(0.0);
+            let share = (SMALL * SMALL + amplitude * amplitude) * unit;
+            variances.extend(self.smooth.variances.iter().map(|variance| share * variance));
+        }
+        if let Some(form) = nuisances.form {
+            for _ in 0..self.ranges.len() {
+                variances.extend(self.form.variances.iter().map(|variance| form * form * variance));
+            }
+        }
+        let of_noise = |j: usize| nuisances.scales[j].powi(2) + self.left_over[j];
+        let outliers = more.map_or(&[] as &[usize], |(_, outliers)| outliers);
+        variances.extend(outliers.iter().map(|i| FAR_OFF * FAR_OFF * of_noise(i / self.steps())));
+        let levels: Vec<Level> = nuisances
+            .phi
+            .iter()
+            .enumerate()
+            .map(|(j, &phi)| Level { variance: of_noise(j), phi: if self.steps() > 1 { phi } else { 0.0 } })
+            .collect();
+        let patterns = more.map_or(&self.covariance, |(patterns, _)| patterns);
+        Ok(visit(&patterns.fill(&levels, &variances)?))
+    }
+
+    /// Root-mean-square of noise and scatter of an observable; `scales` are those of the noise, in its units.
+    pub fn spread(&self, observable: usize, scales: &[f64]) -> f64 {
+        let steps = self.steps();
+        let own = &self.units[observable * steps..(observable + 1) * steps];
+        let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / steps as f64;
+        (noise + self.scatter_variance[observable]).sqrt()
+    }
+}
+
+/// What changes the covariance and not the curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nuisances {
+    /// How many times its unit the noise of each observable is.
+    pub scales: Vec<f64>,
+    /// Correlation of each observable's noise from one step to the next.
+    pub phi: Vec<f64>,
+    /// Amplitude of what else is at work, in noise and scatter; empty where nothing else is.
+    pub amplitudes: Vec<f64>,
+    /// Size of the errors of the form of the effects, as a share of what they add to the curve.
+    pub form: Option<f64>,
+}
+
+/// Standard deviation of a reading that is far off, in those of the others.
+pub const FAR_OFF: f64 = 10.0;

@@ -1,0 +1,161 @@
+//! How good the diagnosis is on this very problem: runs of the design as measurements.
+
+use anyhow::{Result, ensure};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::attribute::attribution::attribute;
+use crate::attribute::diagnosis::emulate;
+use crate::attribute::hypothesis::{Candidate, name};
+use crate::attribute::mode::standard_normal;
+use crate::attribute::problem::Problem;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
+use gl_progress::stage;
+
+/// A run that was called the measurement.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    /// The run.
+    pub sample: String,
+    /// What was in it: `none`, or effects joined by `+`.
+    pub truth: String,
+    /// What came first.
+    pub first: String,
+    /// Its probability.
+    pub probability: f64,
+}
+
+/// Share of the runs that is taken out of the design at once, at most.
+const AT_ONCE: usize = 10;
+
+/// What the diagnosis needs besides the measurement.
+pub struct Design<'a> {
+    /// The parameters.
+    pub prior: &'a Prior,
+    /// The samples.
+    pub samples: &'a Samples,
+    /// Their runs.
+    pub ensemble: &'a Ensemble,
+    /// Candidates of the measurement and of the simulator.
+    pub candidates: &'a [Candidate],
+    /// Share of the simulation's scatter that a measurement has.
+    pub scatter: f64,
+}
+
+/// Take `count` runs out of the design, up to a tenth of it at a time, add noise to each, and diagnose
+/// it by an emulator of the runs that are left. Only runs with up to `largest` effects are taken.
+///
+/// * `noise` — standard deviations, shape (observables, steps).
+///
+/// # Errors
+/// If there are not so many runs, or the rest is too few for an emulator.
+pub fn self_check(
+    design: &Design<'_>,
+    observations: &Observations,
+    noise: &[Vec<f64>],
+    largest: usize,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<Checked>> {
+    let values = design.samples.columns(&design.prior.names())?;
+    let places = design.samples.index();
+    let truth = |run: usize| -> Vec<usize> {
+        let row = places.get(design.ensemble.samples[run].as_str()).copied().unwrap_or(0);
+        let is_on = |candidate: &Candidate| match candidate {
+            Candidate::Measured(_) => false,
+            Candidate::Simulated(effect) => effect.parameters.iter().any(|&j| {
+                design.prior.parameters()[j]
+                    .off
+                    .is_some_and(|off| (values[row][j] - off).abs() > 1e-9 * off.abs())
+            }),
+        };
+        (0..design.candidates.len()).filter(|&i| is_on(&design.candidates[i])).collect()
+    };
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut runs: Vec<usize> =
+        (0..design.ensemble.len()).filter(|&run| truth(run).len() <= largest).collect();
+    ensure!(
+        count <= runs.len(),
+        "--self-check {count}: {} runs of {} have up to {largest} effects on",
+        runs.len(),
+        design.ensemble.len()
+    );
+    runs.shuffle(&mut random);
+    runs.truncate(count);
+    let group = (design.ensemble.len() / AT_ONCE).max(1);
+    let stage = stage("checking itself", count);
+    let mut checked = Vec::new();
+    for taken in runs.chunks(group) {
+        let mut rest = Ensemble::new(observations, false);
+        rest.source.clone_from(&design.ensemble.source);
+        for run in (0..design.ensemble.len()).filter(|run| !taken.contains(run)) {
+            rest.push(&design.ensemble.samples[run], &design.ensemble.curves(run), None);
+        }
+        let noise_of_all = noise.to_vec();
+        let emulator = emulate(design.prior, design.samples, &rest, Some(&noise_of_all), seed)?;
+        for &run in taken {
+            let mut measured = observations.clone();
+            for (j, values) in measured.values.iter_mut().enumerate() {
+                for (t, value) in values.iter_mut().enumerate() {
+                    *value = design.ensemble.curve(run, j)[t] + noise[j][t] * standard_normal(&mut random);
+                }
+            }
+            let candidates = design.candidates.to_vec();
+            let problem = Problem::new(
+                &emulator,
+                design.prior,
+                candidates,
+                &measured,
+                Some(noise.to_vec()),
+                design.scatter,
+            )?;
+            let attribution = attribute(&problem, largest, seed)?;
+            let best = &attribution.explanations[0];
+            let (first, probability) = if attribution.unexplained > best.probability {
+                ("unexplained".to_owned(), attribution.unexplained)
+            } else {
+                (best.name.clone(), best.probability)
+            };
+            checked.push(Checked {
+                sample: design.ensemble.samples[run].clone(),
+                truth: name(&truth(run), design.candidates),
+                first,
+                probability,
+            });
+            stage.advance();
+        }
+    }
+    Ok(checked)
+}
+
+/// What the checks say, by what was in the runs, one sentence an item.
+pub fn summary(checked: &[Checked]) -> Vec<String> {
+    let right = |of: &[&Checked]| of.iter().filter(|check| check.first == check.truth).count();
+    let all: Vec<&Checked> = checked.iter().collect();
+    let confident: Vec<&Checked> = checked
+        .iter()
+        .filter(|check| {
+            check.first != check.truth
+                && check.probability > 0.9
+                && !matches!(check.first.as_str(), "none" | "unexplained")
+        })
+        .collect();
+    let mut lines = vec![format!(
+        "self-check: in {} of {} runs what was in them came first; in {} something else did with probability above 0.9",
+        right(&all),
+        all.len(),
+        confident.len()
+    )];
+    let mut truths: Vec<&str> = checked.iter().map(|check| check.truth.as_str()).collect();
+    truths.sort_unstable();
+    truths.dedup();
+    for truth in truths {
+        let own: Vec<&Checked> = checked.iter().filter(|check| check.truth == truth).collect();
+        lines.push(format!("self-check: {truth}: {} of {}", right(&own), own.len()));
+    }
+    lines
+}

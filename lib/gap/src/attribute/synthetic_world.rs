@@ -1,0 +1,95 @@
+//! A simulation in closed form, for tests: straight in its parameters.
+
+use nalgebra::DMatrix;
+
+use crate::attribute::hypothesis::Candidate;
+use crate::attribute::measurement::{Kind, MeasurementEffect};
+use crate::attribute::predictor::{Prediction, Predictor};
+use gl_inference::observations::Observations;
+use gl_inference::prior::{Parameter, Prior, Scale};
+
+/// Curves a + b x, and an effect c sin(6x), x from 0 to 1: as components, exactly.
+pub struct Straight {
+    centre: Vec<f64>,
+    basis: DMatrix<f64>,
+    left_over: Vec<f64>,
+}
+
+pub const STEPS: usize = 30;
+
+fn x(step: usize) -> f64 {
+    step as f64 / (STEPS - 1) as f64
+}
+
+impl Straight {
+    pub fn new() -> Self {
+        let basis = DMatrix::from_fn(STEPS, 3, |t, i| [1.0, x(t), (6.0 * x(t)).sin()][i]);
+        Self { centre: vec![0.0; STEPS], basis, left_over: vec![0.0; STEPS] }
+    }
+
+    /// Parameters a, b and the effect's c, normal with mean 1 and sd 0.5 (c: mean 0, sd 1).
+    pub fn prior() -> Prior {
+        let parameter = |name: &str, mean: f64, sd: f64, effect: Option<&str>| Parameter {
+            name: name.to_owned(),
+            lower: mean - 8.0 * sd,
+            upper: mean + 8.0 * sd,
+            scale: Scale::Linear,
+            normal: Some((mean, sd)),
+            effect: effect.map(str::to_owned),
+            off: effect.map(|_| 0.0),
+            unit: None,
+        };
+        Prior::new(vec![
+            parameter("a", 1.0, 0.5, None),
+            parameter("b", 1.0, 0.5, None),
+            parameter("c", 0.0, 1.0, Some("wave")),
+        ])
+    }
+
+    pub fn curve(a: f64, b: f64, c: f64) -> Vec<f64> {
+        (0..STEPS).map(|t| a + b * x(t) + c * (6.0 * x(t)).sin()).collect()
+    }
+
+    /// The effect, and an offset of the sensor.
+    pub fn candidates() -> Vec<Candidate> {
+        let offset = MeasurementEffect::all(&[Kind::Offset], &["y".to_owned()]).remove(0);
+        vec![Candidate::Simulated(Self::prior().effects().remove(0)), Candidate::Measured(offset)]
+    }
+
+    pub fn observations(values: Vec<f64>) -> Observations {
+        Observations {
+            source: "obs.txt".to_owned(),
+            control_name: "x".to_owned(),
+            control: (0..STEPS).map(x).collect(),
+            names: vec!["y".to_owned()],
+            values: vec![values],
+            sd: vec![None],
+        }
+    }
+}
+
+impl Predictor for Straight {
+    fn centre(&self) -> &[f64] {
+        &self.centre
+    }
+
+    fn basis(&self) -> &DMatrix<f64> {
+        &self.basis
+    }
+
+    fn left_over(&self) -> &[f64] {
+        &self.left_over
+    }
+
+    fn scatter(&self) -> Vec<f64> {
+        vec![0.0; 3]
+    }
+
+    fn predict(&self, point: &[f64]) -> Prediction {
+        let value = |i: usize, mean: f64, sd: f64| mean + sd * (16.0 * point[i] - 8.0);
+        Prediction {
+            mean: vec![value(0, 1.0, 0.5), value(1, 1.0, 0.5), value(2, 0.0, 1.0)],
+            variance: vec![0.0; 3],
+        }
+    }
+}

@@ -1,0 +1,426 @@
+//! Where the calibrated model and the measurement disagree.
+
+use std::ops::Range;
+
+use anyhow::{Result, ensure};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::noise::{FEWEST_STEPS, Noise, scale, standard_normal};
+use super::precision::{Height, Interval, Precision};
+use super::residual::{Spread, gap, spread};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_table::push_number;
+
+/// A stretch of the control axis over which the gap of one observable is taken to be constant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stretch {
+    /// Position of the observable.
+    pub observable: usize,
+    /// Its steps.
+    pub steps: Range<usize>,
+    /// Measurement minus posterior mean, averaged over the stretch, in units of the observable.
+    pub gap: f64,
+    /// Standard deviation of `gap` from noise, posterior spread and scatter.
+    pub gap_sd: f64,
+    /// `gap / gap_sd`.
+    pub z: f64,
+    /// Part of the total squared gap, in units of the noise and in excess of `gap_sd`², in [0, 1]; 0
+    /// throughout if no stretch is significant.
+    pub share: f64,
+    /// Whether it stands out of what the whole axis would show without a gap.
+    pub significant: bool,
+}
+
+/// Probability of any significant stretch where there is no gap. It is kept at half of the 5 % that
+/// are promised, since a correlation estimated from few readings tends to come out too low.
+const FALSE_ALARMS: f64 = 0.025;
+
+/// Replicates without a gap that say what stands out.
+const REPLICATES: usize = 499;
+
+/// Most places per observable at which the axis may be cut.
+const MOST_CUTS: usize = 200;
+
+/// Most intervals with a gap, over all observables.
+const MOST_INTERVALS: usize = 12;
+
+/// Cut the control axis into stretches, and say in which the calibrated model misses the measurement.
+///
+/// * `weights` — posterior weights of the runs, shape (runs,), summing to one.
+/// * `parameters` — how many parameters were calibrated.
+/// * `noise_sd` — standard deviation of the noise, shape (observables, steps), where it is known;
+///   else it is estimated from how the gap changes from step to step.
+///
+/// The gap has the covariance of the noise (autoregressive from step to step) plus that of the
+/// posterior spread, in which the simulation's own scatter shows. Of all intervals of all
+/// observables, the one whose height, by generalised least squares, is most standard deviations
+/// from zero is taken as having a gap if it stands out of what the same search finds in replicates
+/// that have none: this allows for having chosen the cuts, for the number of stretches, for the
+/// correlation, and for the noise having been estimated. Its height is left free, and the search
+/// goes on until nothing stands out. The axis is cut at the ends of the intervals found, and the mean
+/// gap of each stretch is given, which must stand out, too.
+///
+/// # Errors
+/// If the ensemble has no runs or other steps than the measurement, or there are too few steps to
+/// estimate the noise.
+///
+/// # Source
+/// Circular binary segmentation (Olshen et al. 2004, Biostatistics 5:557), with generalised least
+/// squares for the correlated readings.
+pub fn locate(
+    observations: &Observations,
+    ensemble: &Ensemble,
+    weights: &[f64],
+    parameters: usize,
+    noise_sd: Option<&[Vec<f64>]>,
+    seed: u64,
+) -> Result<Vec<Stretch>> {
+    let gap = gap(observations, ensemble, weights)?;
+    ensure!(
+        noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
+        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
+        observations.source,
+        observations.steps()
+    );
+    let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
+    let first = Noise::estimate(&gap, noise_sd, &scales);
+    let first_sd: Vec<Vec<f64>> = first.iter().map(|noise| noise.sd.clone()).collect();
+    let Spread { directions, rest } = spread(ensemble, weights, parameters, &first_sd);
+    let known_sd: Option<Vec<Vec<f64>>> = noise_sd.map(|sd| {
+        let rest = rest.chunks(observations.steps());
+        sd.iter()
+            .zip(rest)
+            .map(|(sd, rest)| sd.iter().zip(rest).map(|(sd, r)| sd.hypot(r.sqrt())).collect())
+            .collect()
+    });
+    let problem = Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()) };
+    problem.solve(&gap, seed)
+}
+
+/// What does not change from one replicate to the next.
+struct Problem {
+    noise_sd: Option<Vec<Vec<f64>>>,
+    scales: Vec<f64>,
+    directions: Vec<Vec<f64>>,
+    cuts: Vec<usize>,
+}
+
+impl Problem {
+    fn solve(&self, gap: &[Vec<f64>], seed: u64) -> Result<Vec<Stretch>> {
+        let noises = Noise::estimate(gap, self.noise_sd.as_deref(), &self.scales);
+        let precision = Precision::new(&noises, &self.directions)?;
+        let threshold = self.threshold(&noises, seed)?;
+        let gap = gap.concat();
+
+        let mut found: Vec<Interval> = Vec::new();
+        let mut searched = precision.clone();
+        let is_all_found = loop {
+            let Some((interval, z)) = searched.most_deviant(&gap, &self.cuts) else { break true };
+            if z <= threshold {
+                break true;
+            }
+            if found.len() == MOST_INTERVALS {
+                break false;
+            }
+            searched.set_free(&interval);
+            found.push(interval);
+        };
+        // Where more would have been found, what lies between those that were may have a gap as well.
+        let stretches = self.stretches(&precision, &noises, &found, is_all_found, &gap, threshold);
+        Ok(self.with_shares(stretches, &noises))
+    }
+
+    /// What the deviation of the most deviant interval exceeds, without a gap, in few replicates.
+    fn threshold(&self, noises: &[Noise], seed: u64) -> Result<f64> {
+        let highest = (0..REPLICATES).into_par_iter().map(|replicate| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(replicate as u64);
+            let mut gap: Vec<Vec<f64>> = noises.iter().map(|noise| noise.draw(&mut rng)).collect();
+            for direction in &self.directions {
+                let along = standard_normal(&mut rng);
+                for (gap, direction) in gap.iter_mut().flatten().zip(direction) {
+                    *gap += along * direction;
+                }
+            }
+            let noises = Noise::estimate(&gap, self.noise_sd.as_deref(), &self.scales);
+            let precision = Precision::new(&noises, &self.directions)?;
+            Ok(precision.most_deviant(&gap.concat(), &self.cuts).map_or(0.0, |(_, z)| z))
+        });
+        let mut highest = highest.collect::<Result<Vec<f64>>>()?;
+        highest.sort_by(f64::total_cmp);
+        Ok(highest[((1.0 - FALSE_ALARMS) * REPLICATES as f64).ceil() as usize])
+    }
+
+    /// The axis of every observable cut at the ends of the intervals found, with heights that allow
+    /// for each other.
+    fn stretches(
+        &self,
+        precision: &Precision,
+        noises: &[Noise],
+        found: &[Interval],
+        is_all_found: bool,
+        gap: &[f64],
+        threshold: f64,
+    ) -> Vec<Stretch> {
+        let steps = gap.len() / self.scales.len();
+        let mut parts: Vec<(Interval, bool)> = Vec::new();
+        for observable in 0..self.scales.len() {
+            let here: Vec<&Range<usize>> =
+                found.iter().filter(|i| i.observable == observable).map(|i| &i.steps).collect();
+            let mut ends: Vec<usize> = here.iter().flat_map(|steps| [steps.start, steps.end]).collect();
+            ends.extend([0, steps]);
+            ends.sort_unstable();
+            ends.dedup();
+            for pair in ends.windows(2) {
+                let inside = here.iter().any(|steps| steps.contains(&pair[0]));
+                parts.push((Interval { observable, steps: pair[0]..pair[1] }, inside));
+            }
+        }
+        let heights = parts.iter().enumerate().map(|(place, (interval, _))| {
+            let mut others = precision.clone();
+            for (_, (other, _)) in parts.iter().enumerate().filter(|&(i, (_, inside))| *inside && i != place)
+            {
+                others.set_free(other);
+            }
+            others
+                .height(interval, gap)
+                .unwrap_or_else(|| precision.height(interval, gap).unwrap_or(NO_HEIGHT))
+        });
+        let heights: Vec<Height> = heights.collect();
+        parts
+            .into_iter()
+            .zip(heights)
+            .map(|((interval, inside), height)| {
+                let mean = self.mean(noises, &interval, gap);
+                let z = mean.gap / mean.sd;
+                // What stands out only beside a spread that the posterior still has is not said to:
+                // another draw of it may turn it round.
+                let stands_out =
+                    (height.gap / height.sd).abs() > threshold && z * height.gap > 0.0 && z.abs() > 2.0;
+                Stretch {
+                    observable: interval.observable,
+                    steps: interval.steps,
+                    gap: mean.gap,
+                    gap_sd: mean.sd,
+                    z,
+                    share: 0.0,
+                    significant: (inside || !is_all_found) && stands_out,
+                }
+            })
+            .collect()
+    }
+
+    /// Mean gap of an interval, and its standard deviation from noise and posterior spread.
+    fn mean(&self, noises: &[Noise], interval: &Interval, gap: &[f64]) -> Height {
+        let steps = gap.len() / self.scales.len();
+        let start = interval.observable * steps;
+        let inside = start + interval.steps.start..start + interval.steps.end;
+        let mean = |values: &[f64]| values[inside.clone()].iter().sum::<f64>() / inside.len() as f64;
+        let noise = noises[interval.observable].mean_variance(interval.steps.clone());
+        let spread: f64 = self.directions.iter().map(|direction| mean(direction).powi(2)).sum();
+        Height { gap: mean(gap), sd: (noise + spread).sqrt() }
+    }
+
+    /// Share out the squared gap, in units of the noise, in excess of what its own uncertainty explains.
+    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise]) -> Vec<Stretch> {
+        if !stretches.iter().any(|stretch| stretch.significant) {
+            return stretches;
+        }
+        let excess = |stretch: &Stretch| -> f64 {
+            let sd = &noises[stretch.observable].sd[stretch.steps.clone()];
+            let square = (stretch.gap.powi(2) - stretch.gap_sd.powi(2)).max(0.0);
+            sd.iter().map(|sd| square / (sd * sd)).sum()
+        };
+        let excesses: Vec<f64> = stretches.iter().map(excess).collect();
+        let total: f64 = excesses.iter().sum();
+        stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
+        stretches
+    }
+}
+
+/// Where other stretches leave nothing to say.
+const NO_HEIGHT: Height = Height { gap: 0.0, sd: f64::MAX };
+
+/// Steps before which the axis may be cut, its ends among them.
+fn cuts(steps: usize) -> Vec<usize> {
+    let stride = steps.div_ceil(MOST_CUTS);
+    (0..steps).step_by(stride).chain([steps]).collect()
+}
+
+/// The verdict in a sentence.
+pub fn verdict(stretches: &[Stretch], observations: &Observations) -> String {
+    let mut places: Vec<(usize, Range<usize>, f64)> = Vec::new();
+    for stretch in stretches.iter().filter(|stretch| stretch.significant) {
+        match places.last_mut() {
+            Some((observable, steps, share))
+                if *observable == stretch.observable && steps.end == stretch.steps.start =>
+            {
+                steps.end = stretch.steps.end;
+                *share += stretch.share;
+            }
+            _ => places.push((stretch.observable, stretch.steps.clone(), stretch.share)),
+        }
+    }
+    if places.is_empty() {
+        return "No gap beyond what noise and posterior spread explain.".to_owned();
+    }
+    places.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let place = |(observable, steps, share): &(usize, Range<usize>, f64)| {
+        format!(
+            "in {} between {} {} and {} ({:.0} % of it)",
+            observations.names[*observable],
+            observations.control_name,
+            short(observations.control[steps.start]),
+            short(observations.control[steps.end - 1]),
+            100.0 * share
+        )
+    };
+    // A sentence is read for where to look first; the table has the rest.
+    const TOLD: usize = 3;
+    let told: Vec<String> = places.iter().take(TOLD).map(place).collect();
+    let more = match places.len().saturating_sub(TOLD) {
+        0 => String::new(),
+        1 => ", and one further stretch".to_owned(),
+        more => format!(", and {more} further stretches"),
+    };
+    format!("The gap lies {}{more}.", told.join(", "))
+}
+
+/// A number to three digits.
+fn short(value: f64) -> String {
+    let mut text = Vec::new();
+    push_number(&mut text, format!("{value:.2e}").parse().unwrap_or(value));
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic::{PARAMETERS, case};
+    use super::*;
+
+    fn located(seed: u64, gap: &[Vec<f64>], phi: f64, runs: usize, known: bool) -> Vec<Stretch> {
+        let case = case(seed, gap, phi, runs, 8.0);
+        let noise = known.then_some(case.noise_sd.as_slice());
+        locate(&case.observations, &case.ensemble, &case.weights, PARAMETERS, noise, seed).unwrap()
+    }
+
+    const STEPS: usize = 40;
+
+    fn none() -> Vec<Vec<f64>> {
+        vec![vec![0.0; STEPS]; 2]
+    }
+
+    fn bump() -> Vec<Vec<f64>> {
+        let mut gap = none();
+        gap[0][10..20].fill(3.0);
+        gap
+    }
+
+    fn alarms(replicates: u64, phi: f64, runs: usize, known: bool) -> usize {
+        let alarm = |seed| located(seed, &none(), phi, runs, known).iter().any(|stretch| stretch.significant);
+        (0..replicates).filter(|&seed| alarm(seed)).count()
+    }
+
+    #[test]
+    fn without_a_gap_at_most_one_case_in_twenty_shows_one() {
+        for phi in [0.0, 0.6, 0.9] {
+            let alarms = alarms(200, phi, 3000, true);
+            assert!(alarms <= 10, "correlation {phi}: {alarms} of 200");
+        }
+    }
+
+    #[test]
+    fn without_a_gap_a_noise_that_must_be_estimated_is_not_taken_for_one() {
+        for phi in [0.0, 0.6] {
+            let alarms = alarms(200, phi, 3000, false);
+            assert!(alarms <= 10, "correlation {phi}: {alarms} of 200");
+        }
+    }
+
+    #[test]
+    fn a_posterior_that_rests_on_a_handful_of_runs_is_no_gap() {
+        for runs in [30, 100] {
+            let alarms = alarms(200, 0.0, runs, true);
+            assert!(alarms <= 10, "{runs} runs: {alarms} of 200");
+        }
+    }
+
+    #[test]
+    fn a_bump_of_three_noise_sd_over_a_quarter_of_the_axis_is_found_where_it_is() {
+        let found = |seed: &u64| {
+            located(*seed, &bump(), 0.0, 3000, true).iter().any(|stretch| {
+                let near = stretch.steps.start.abs_diff(10) <= 2 && stretch.steps.end.abs_diff(20) <= 2;
+                stretch.significant && stretch.observable == 0 && stretch.gap > 0.0 && near
+            })
+        };
+        let hits = (0..200).filter(found).count();
+        assert!(hits >= 190, "{hits} of 200");
+    }
+
+    #[test]
+    fn a_bump_far_above_the_noise_is_found_without_knowing_the_noise() {
+        let mut gap = none();
+        gap[0][10..20].fill(8.0);
+        let hits = (0..100)
+            .filter(|&seed| located(seed, &gap, 0.0, 3000, false).iter().any(|stretch| stretch.significant))
+            .count();
+        assert!(hits >= 95, "{hits} of 100");
+    }
+
+    #[test]
+    fn stretches_cover_the_axis_of_every_observable_and_share_out_the_gap() {
+        let stretches = located(3, &bump(), 0.0, 3000, true);
+        for observable in 0..2 {
+            let mut next = 0;
+            for stretch in stretches.iter().filter(|stretch| stretch.observable == observable) {
+                assert_eq!(stretch.steps.start, next);
+                assert!((stretch.z - stretch.gap / stretch.gap_sd).abs() < 1e-12);
+                next = stretch.steps.end;
+            }
+            assert_eq!(next, STEPS);
+        }
+        let total: f64 = stretches.iter().map(|stretch| stretch.share).sum();
+        assert!((total - 1.0).abs() < 1e-12, "{total}");
+        let largest = stretches.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap();
+        assert!(largest.significant && largest.observable == 0 && largest.share > 0.7, "{largest:?}");
+    }
+
+    #[test]
+    fn a_gap_in_more_intervals_than_are_looked_for_is_significant_in_the_others_too() {
+        let mut gap = none();
+        for (t, gap) in gap.iter_mut().flatten().enumerate().filter(|(t, _)| t % 4 == 2) {
+            // Up and down in turn, so that no wider interval has a gap.
+            *gap = if t % 8 == 2 { 30.0 } else { -30.0 };
+        }
+        let stretches = located(5, &gap, 0.0, 3000, true);
+        let significant = stretches.iter().filter(|stretch| stretch.significant).count();
+        assert!(significant > MOST_INTERVALS, "{stretches:?}");
+    }
+
+    #[test]
+    fn nothing_to_share_out_where_noise_explains_all() {
+        let stretches = located(3, &none(), 0.0, 3000, true);
+        assert!(stretches.iter().all(|stretch| stretch.share == 0.0 && !stretch.significant));
+        assert_eq!(stretches.len(), 2);
+    }
+
+    #[test]
+    fn one_step_is_enough_where_the_noise_is_known() {
+        let case = case(1, &[vec![9.0], vec![0.0]], 0.0, 1, 0.0);
+        let locate = |noise| locate(&case.observations, &case.ensemble, &case.weights, 0, noise, 1);
+        let stretches = locate(Some(&case.noise_sd)).unwrap();
+        assert!(stretches[0].significant && stretches[0].steps == (0..1), "{stretches:?}");
+        assert!(locate(None).unwrap_err().to_string().contains("too few to estimate the noise"));
+    }
+
+    #[test]
+    fn a_measurement_that_is_met_exactly_has_no_gap() {
+        let mut case = case(1, &none(), 0.0, 1, 0.0);
+        case.observations.values = (0..2).map(|j| case.ensemble.curve(0, j).to_vec()).collect();
+        let stretches = locate(&case.observations, &case.ensemble, &[1.0], 0, None, 1).unwrap();
+        assert!(stretches.iter().all(|stretch| stretch.gap == 0.0 && !stretch.significant));
+    }
+}

@@ -1,0 +1,407 @@
+//! How far the gap closes once an effect is in the simulation.
+
+use anyhow::{Result, bail, ensure};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::hat::Hat;
+use super::noise::{FEWEST_STEPS, Noise, scale, standard_normal};
+use super::residual::{gap, spread};
+use super::scatter::{Scatter, scatter};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_inference::weights::Weights;
+
+/// Runs and what a filter made of them.
+#[derive(Clone, Debug)]
+pub struct Calibrated {
+    /// The runs.
+    pub ensemble: Ensemble,
+    /// Their weights.
+    pub weights: Weights,
+}
+
+/// The gap of one observable, or of all, before and after; root mean squares over the steps, as shares
+/// of the range of the measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shrink {
+    /// Gap before.
+    pub before: f64,
+    /// Gap after.
+    pub after: f64,
+    /// What noise and the simulation's scatter alone would give.
+    pub floor: f64,
+    /// 1 − (after² − floor²)₊ / (before² − floor²), or 0 if there was no gap before.
+    pub shrink: f64,
+    /// Lower end of the 90 % interval. It is not drawn further down than −1 where the estimate lies
+    /// above that: −1 then stands for anything below.
+    pub low: f64,
+    /// Upper end of the 90 % interval.
+    pub high: f64,
+}
+
+const REPLICATES: usize = 499;
+
+/// Below this the interval is cut, unless the estimate lies there too.
+const LOWEST: f64 = -1.0;
+
+/// How far the gap closes from one calibration to another, for each observable and then for all
+/// together.
+///
+/// * `unseen` — the steps it is measured on, which calibration did not see; if absent all, of whose
+///   noise the fit took its part. In ascending order, at least one.
+/// * `noise_sd` — standard deviation of the noise, shape (observables, steps), where it is known;
+///   else it is estimated from how the gap after changes from step to step.
+///
+/// * `scatter_share` — share of the simulation's own scatter that the measurement has, not negative.
+///
+/// The floor is what the fit after left of the noise and of the scatter of the runs, which is what their
+/// parameters do not explain; see [`floor`](crate::attribute::closure::floor). The interval comes from replicates of the measurement: noise with the correlation that
+/// the gap after shows, the scatter of a run drawn at random, and posterior means as uncertain as the
+/// number of effective runs leaves them, are added to a gap of the estimated size. Both
+/// calibrations meet the same measurement, so they share the noise.
+///
+/// # Errors
+/// If an ensemble has no runs or other steps than the measurement, a run has no weight, an
+/// observable is constant, or there are too few steps to estimate the noise.
+pub fn shrink(
+    observations: &Observations,
+    before: &Calibrated,
+    after: &Calibrated,
+    unseen: Option<Vec<usize>>,
+    noise_sd: Option<&[Vec<f64>]>,
+    scatter_share: f64,
+    seed: u64,
+) -> Result<Vec<Shrink>> {
+    ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
+    let ranges = observations.ranges();
+    if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
+        bail!(
+            "{}: {} is constant, and a gap is measured in ranges of its observable; leave it out",
+            observations.source,
+            observations.names[j]
+        );
+    }
+    ensure!(
+        noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
+        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
+        observations.source,
+        observations.steps()
+    );
+    let weights = [before.weights.of_runs(&before.ensemble)?, after.weights.of_runs(&after.ensemble)?];
+    let gaps =
+        [gap(observations, &before.ensemble, &weights[0])?, gap(observations, &after.ensemble, &weights[1])?];
+    let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
+    let noises = Noise::estimate(&gaps[1], noise_sd, &scales);
+    let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
+    let mut scatter = scatter(&after.ensemble, &after.weights, &weights[1], &sd);
+    if unseen.is_some() {
+        // The fit has not followed a noise that it did not see.
+        scatter.hat = Hat::default();
+    }
+    for run in &mut scatter.runs {
+        run.iter_mut().flatten().for_each(|s| *s *= scatter_share.sqrt());
+        scatter.hat.take_out(run, &noises);
+    }
+    let doubts =
+        [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
+            let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+            let mut doubt = spread(ensemble, weights, 0, &sd).directions;
+            doubt.iter_mut().flatten().for_each(|d| *d /= effective.sqrt());
+            doubt
+        });
+    let problem = Problem {
+        ranges,
+        scales,
+        steps: unseen.unwrap_or_else(|| (0..observations.steps()).collect()),
+        noise_sd,
+        scatter,
+        noises,
+        doubts,
+    };
+    problem.solve(&gaps, seed)
+}
+
+struct Problem<'a> {
+    ranges: Vec<f64>,
+    scales: Vec<f64>,
+    steps: Vec<usize>,
+    noise_sd: Option<&'a [Vec<f64>]>,
+    noises: Vec<Noise>,
+    scatter: Scatter,
+    /// Directions of the doubt about the posterior mean, before and after.
+    doubts: [Vec<Vec<f64>>; 2],
+}
+
+/// Squared gaps of every observable, and then of all: before, after, floor.
+type Squares = Vec<[f64; 3]>;
+
+impl Problem<'_> {
+    fn solve(&self, gaps: &[Vec<Vec<f64>>; 2], seed: u64) -> Result<Vec<Shrink>> {
+        let squares = self.squares(gaps, &self.noises);
+        let true_gaps = self.without_noise(gaps, &squares);
+        let replicate = |number: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(number as u64);
+            self.replicate(&true_gaps, &mut rng)
+        };
+        let replicates: Vec<Squares> = (0..REPLICATES).into_par_iter().map(replicate).collect();
+        Ok((0..squares.len())
+            .map(|j| {
+                let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
+                let means = [mean(0), mean(1)];
+                let errors = replicates.iter().map(|replicate| {
+                    [0, 1].map(|i| (replicate[j][i] - means[i]) - (replicate[j][2] - squares[j][2]))
+                });
+                summarise(squares[j], errors)
+            })
+            .collect())
+    }
+
+    /// Squares of gaps of shape (observables, steps), and the floor that noises give.
+    fn squares(&self, gaps: &[Vec<Vec<f64>>; 2], noises: &[Noise]) -> Squares {
+        let count = self.steps.len() as f64;
+        let left = self.scatter.hat.left(noises);
+        let mut squares: Squares = (0..self.ranges.len())
+            .map(|j| {
+                let unit = self.ranges[j].powi(2) * count;
+                let sum =
+                    |values: &[f64]| self.steps.iter().map(|&t| values[t] * values[t]).sum::<f64>() / unit;
+                let runs = &self.scatter.runs;
+                let scattered = runs.iter().map(|run| sum(&run[j])).sum::<f64>() / runs.len().max(1) as f64;
+                let noise = self.steps.iter().map(|&t| left[j][t]).sum::<f64>() / unit;
+                [sum(&gaps[0][j]), sum(&gaps[1][j]), noise + scattered]
+            })
+            .collect();
+        let mean = |i: usize| squares.iter().map(|s| s[i]).sum::<f64>() / squares.len() as f64;
+        squares.push([0, 1, 2].map(mean));
+        squares
+    }
+
+    /// The gaps made smaller, so that their squares are what is left above the floor.
+    fn without_noise(&self, gaps: &[Vec<Vec<f64>>; 2], squares: &Squares) -> [Vec<Vec<f64>>; 2] {
+        [0, 1].map(|i| {
+            let smaller = |j: usize| {
+                let left = ((squares[j][i] - squares[j][2]) / squares[j][i].max(f64::MIN_POSITIVE)).max(0.0);
+                gaps[i][j].iter().map(|gap| gap * left.sqrt()).collect()
+            };
+            (0..self.ranges.len()).map(smaller).collect()
+        })
+    }
+
+    /// What another measurement would have given.
+    fn replicate(&self, true_gaps: &[Vec<Vec<f64>>; 2], rng: &mut ChaCha8Rng) -> Squares {
+        // The correlation is drawn too: what would be estimated, were the estimate the truth.
+        let drawn: Vec<Vec<f64>> = self.noises.iter().map(|noise| noise.draw(rng)).collect();
+        let sd: Vec<Vec<f64>> = self.noises.iter().map(|noise| noise.sd.clone()).collect();
+        let noises = Noise::estimate(&drawn, Some(&sd), &self.scales);
+        let mut error: Vec<Vec<f64>> = noises.iter().map(|noise| noise.draw(rng)).collect();
+        self.scatter.hat.take_out(&mut error, &self.noises);
+        if !self.scatter.runs.is_empty() {
+            let run = &self.scatter.runs[rng.random_range(0..self.scatter.runs.len())];
+            error.iter_mut().flatten().zip(run.iter().flatten()).for_each(|(e, s)| *e += s);
+        }
+        let mut gaps = true_gaps.clone();
+        for (gaps, doubts) in gaps.iter_mut().zip(&self.doubts) {
+            gaps.iter_mut().flatten().zip(error.iter().flatten()).for_each(|(gap, e)| *gap += e);
+            for doubt in doubts {
+                let along = standard_normal(rng);
+                gaps.iter_mut().flatten().zip(doubt).for_each(|(gap, d)| *gap += along * d);
+            }
+        }
+        let noises = match self.noise_sd {
+            Some(_) => None,
+            None => Some(Noise::estimate(&gaps[1], None, &self.scales)),
+        };
+        self.squares(&gaps, noises.as_deref().unwrap_or(&self.noises))
+    }
+}
+
+/// The estimate, and its interval from the errors of the excess squares before and after.
+fn summarise([before, after, floor]: [f64; 3], errors: impl Iterator<Item = [f64; 2]>) -> Shrink {
+    let (excess_before, excess_after) = (before - floor, after - floor);
+    let shrink = if excess_before > 0.0 { 1.0 - excess_after.max(0.0) / excess_before } else { 0.0 };
+    let (mut low, mut high): (Vec<f64>, Vec<f64>) = errors
+        .map(|[error_before, error_after]| {
+            let (before, after) = (excess_before - error_before, (excess_after - error_after).max(0.0));
+            // Without a gap before, how much of it closed is anybody's guess.
+            if before > 0.0 { (1.0 - after / before, 1.0 - after / before) } else { (f64::NEG_INFINITY, 1.0) }
+        })
+        .unzip();
+    low.sort_by(f64::total_cmp);
+    high.sort_by(f64::total_cmp);
+    let low = low[REPLICATES / 20].min(shrink);
+    let cut = if shrink > LOWEST { low.max(LOWEST) } else { low.max(10.0 * shrink) };
+    Shrink {
+        before: before.sqrt(),
+        after: after.sqrt(),
+        floor: floor.sqrt(),
+        shrink,
+        low: cut,
+        high: high[REPLICATES - 1 - REPLICATES / 20].max(shrink),
+    }
+}
+
+/// The verdict in a sentence.
+pub fn verdict(all: &Shrink) -> String {
+    let percent = |share: f64| format!("{:.0}", 100.0 * share);
+    if all.before <= all.floor {
+        return format!(
+            "There was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
+            percent(all.before),
+            percent(all.floor)
+        );
+    }
+    let interval = format!("90 % interval {} to {} %", percent(all.low), percent(all.high));
+    if all.shrink < 0.0 {
+        return format!("The gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
+    }
+    let doubt = if all.low <= 0.0 { " It may not have closed at all." } else { "" };
+    format!("The gap closes by {} % ({interval}).{doubt}", percent(all.shrink))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic::{case, noiseless_case};
+    use super::*;
+
+    const STEPS: usize = 40;
+
+    /// Observations and two calibrations that miss them by `before` and `after`.
+    struct Pair {
+        observations: Observations,
+        before: Calibrated,
+        after: Calibrated,
+        noise_sd: Vec<Vec<f64>>,
+    }
+
+    fn pair(seed: u64, before: &[Vec<f64>], after: &[Vec<f64>], phi: f64) -> Pair {
+        let first = case(seed, before, phi, 2000, 4.0);
+        let second = case(seed, after, phi, 2000, 4.0);
+        // The same measurement: what it has more before, the simulation after has too.
+        let effect: Vec<Vec<f64>> =
+            before.iter().zip(after).map(|(b, a)| b.iter().zip(a).map(|(b, a)| b - a).collect()).collect();
+        let mut ensemble = Ensemble::new(&first.observations, false);
+        for (run, name) in second.ensemble.samples.iter().enumerate() {
+            let curves: Vec<Vec<f64>> = effect
+                .iter()
+                .enumerate()
+                .map(|(j, effect)| {
+                    second.ensemble.curve(run, j).iter().zip(effect).map(|(y, e)| y + e).collect()
+                })
+                .collect();
+            ensemble.push(name, &curves, None);
+        }
+        Pair {
+            before: Calibrated {
+                weights: weights(&first.ensemble, first.weights, first.values),
+                ensemble: first.ensemble,
+            },
+            after: Calibrated { weights: weights(&ensemble, second.weights, second.values), ensemble },
+            observations: first.observations,
+            noise_sd: first.noise_sd,
+        }
+    }
+
+    fn weights(ensemble: &Ensemble, weight: Vec<f64>, values: Vec<Vec<f64>>) -> Weights {
+        Weights {
+            source: "weights".to_owned(),
+            samples: ensemble.samples.clone(),
+            parameters: ["a", "b", "c"].map(str::to_owned).to_vec(),
+            values,
+            misfit: None,
+            error: None,
+            weight,
+        }
+    }
+
+    fn wave(height: f64) -> Vec<Vec<f64>> {
+        let at = |t: usize| height * (9.0 * t as f64 / STEPS as f64).sin();
+        vec![(0..STEPS).map(at).collect(), (0..STEPS).map(|t| 0.5 * at(t)).collect()]
+    }
+
+    fn shrinks(pair: &Pair, known: bool) -> Vec<Shrink> {
+        let noise = known.then_some(pair.noise_sd.as_slice());
+        shrink(&pair.observations, &pair.before, &pair.after, None, noise, 1.0, 1).unwrap()
+    }
+
+    /// How far the gap truly shrinks: what calibrations against measurements without noise leave.
+    fn truth(before: f64, after: f64, ranges: &[f64]) -> f64 {
+        let square = |height: f64| -> f64 {
+            let case = noiseless_case(1, &wave(height), 20_000, 4.0);
+            let left = gap(&case.observations, &case.ensemble, &case.weights).unwrap();
+            left.iter()
+                .zip(ranges)
+                .flat_map(|(gap, range)| gap.iter().map(move |g| (g / range).powi(2)))
+                .sum()
+        };
+        1.0 - square(after) / square(before)
+    }
+
+    /// How many of 300 intervals of the row `all` hold the truth.
+    fn covered(before: f64, after: f64, phi: f64, known: bool) -> usize {
+        // The same for all, but for what noise does to the ranges that weigh the observables.
+        let truth = truth(before, after, &pair(1, &wave(before), &wave(after), phi).observations.ranges());
+        let holds = |seed: &u64| {
+            let pair = pair(*seed, &wave(before), &wave(after), phi);
+            let all = shrinks(&pair, known).pop().unwrap();
+            (all.low..=all.high).contains(&truth)
+        };
+        (0..300).filter(holds).count()
+    }
+
+    #[test]
+    fn nine_in_ten_intervals_hold() {
+        let covered = covered(6.0, 3.0, 0.0, true);
+        assert!((255..=285).contains(&covered), "{covered} of 300");
+    }
+
+    #[test]
+    fn intervals_hold_under_correlated_noise() {
+        // Ten independent readings or so are left of forty: 85 % less two standard errors.
+        let covered = covered(6.0, 3.0, 0.6, true);
+        assert!((243..=285).contains(&covered), "{covered} of 300");
+    }
+
+    #[test]
+    fn intervals_hold_where_the_noise_is_estimated() {
+        let covered = covered(6.0, 2.0, 0.0, false);
+        assert!((255..=285).contains(&covered), "{covered} of 300");
+    }
+
+    #[test]
+    fn a_gap_that_closes_altogether_is_seen_to() {
+        let all = shrinks(&pair(1, &wave(6.0), &wave(0.0), 0.0), true).pop().unwrap();
+        assert!(all.shrink > 0.9 && all.low > 0.8 && all.high == 1.0, "{all:?}");
+    }
+
+    #[test]
+    fn no_gap_before_leaves_everything_open() {
+        let all = shrinks(&pair(2, &wave(0.0), &wave(0.0), 0.0), true).pop().unwrap();
+        assert!(all.low <= -0.9 && all.high == 1.0, "{all:?}");
+        let none = summarise([1.0, 0.5, 1.5], std::iter::repeat_n([0.1, 0.1], REPLICATES));
+        assert_eq!((none.shrink, none.low, none.high), (0.0, -1.0, 1.0));
+        assert!(verdict(&none).starts_with("There was no gap to close"));
+    }
+
+    #[test]
+    fn gaps_are_root_mean_squares_over_the_range() {
+        let pair = pair(3, &wave(6.0), &wave(3.0), 0.0);
+        let shrinks = shrinks(&pair, true);
+        let gap = gap(&pair.observations, &pair.before.ensemble, &pair.before.weights.weight).unwrap();
+        let square = |j: usize| {
+            gap[j].iter().map(|g| g * g).sum::<f64>() / STEPS as f64 / pair.observations.ranges()[j].powi(2)
+        };
+        assert!((shrinks[0].before.powi(2) / square(0) - 1.0).abs() < 1e-12);
+        assert!((shrinks[2].before.powi(2) / ((square(0) + square(1)) / 2.0) - 1.0).abs() < 1e-12);
+        let left = |row: &Shrink, gap: f64| gap * gap - row.floor * row.floor;
+        for row in &shrinks {
+            let expected = 1.0 - left(row, row.after).max(0.0) / left(row, row.before);
+            assert!((row.shrink - expected).abs() < 1e-12, "{row:?}");
+        }
+        // Three parameters were fitted to 80 readings of unit noise.
+        let floor = |j: usize| (shrinks[j].floor * pair.observations.ranges()[j]).powi(2);
+        assert!((floor(0) + floor(1) - 2.0 * (1.0 - 3.0 / 80.0)).abs() < 0.05, "{} {}", floor(0), floor(1));
+    }
+}

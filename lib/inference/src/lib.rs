@@ -1,0 +1,32 @@
+//! Bayesian calibration of particle simulations.
+//!
+//! Tables come in through [`gl_table`], and everything else works on plain numbers:
+//!
+//! | step of the work | modules |
+//! | --- | --- |
+//! | what may vary, and which samples to run | [`prior`], [`design`], [`samples`] |
+//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`] |
+//! | how far each run is from the measurement | [`misfit`] |
+//! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
+//! | the next samples | [`mixture`], [`proposal`], [`resample`] |
+//!
+//! The mathematics is written down in `docs/design.md`.
+
+pub mod alignment;
+pub mod collect;
+pub mod design;
+pub mod ensemble;
+pub mod filter;
+pub mod misfit;
+pub mod mixture;
+pub mod observations;
+pub mod predict;
+pub mod prior;
+pub mod proposal;
+pub mod resample;
+pub mod samples;
+pub mod stop;
+pub mod summary;
+pub mod weights;
+
+pub use anyhow::Result;

@@ -1,0 +1,214 @@
+//! What was measured: a control, what it imposes on, and the observables at its values.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result, ensure};
+
+use gl_table::Table;
+
+/// A measurement: observables at the values of a control.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observations {
+    /// Where it was read from, for messages.
+    pub source: String,
+    /// Name of the control column.
+    pub control_name: String,
+    /// Control values, shape (steps,).
+    pub control: Vec<f64>,
+    /// Names of the observables.
+    pub names: Vec<String>,
+    /// Measured values, shape (observables, steps).
+    pub values: Vec<Vec<f64>>,
+    /// Standard deviation of the measurement noise, shape (observables, steps), where a column
+    /// `<observable>_sd` gives it.
+    pub sd: Vec<Option<Vec<f64>>>,
+}
+
+impl Observations {
+    /// Read the control and the named observables, with their `_sd` columns where there are any.
+    ///
+    /// # Errors
+    /// If the table cannot be read, has no rows, lacks a column, or holds a negative noise.
+    pub fn read(path: &Path, control: &str, observables: &[String]) -> Result<Self> {
+        Self::from_table(&Table::read(path)?, control, observables)
+    }
+
+    /// The observations from a table that was read already; see [`Observations::read`].
+    ///
+    /// # Errors
+    /// See [`Observations::read`].
+    pub fn from_table(table: &Table, control: &str, observables: &[String]) -> Result<Self> {
+        let source = table.format().source();
+        for (j, name) in observables.iter().enumerate() {
+            ensure!(!observables[..j].contains(name), "observable {name} is named twice");
+            ensure!(name != control, "{name} is named as control and as observable");
+        }
+        ensure!(!observables.is_empty(), "no observables named");
+        ensure!(!table.is_empty(), "{source}: no rows; a measurement has at least one");
+        let mut values = Vec::new();
+        let mut sd = Vec::new();
+        for name in observables {
+            values.push(table.numbers(name)?);
+            let column = format!("{name}_sd");
+            let noise = match table.format().find(&column)? {
+                Some(_) => Some(table.numbers(&column)?),
+                None => None,
+            };
+            if let Some(row) = noise.iter().flatten().position(|&sd| sd < 0.0) {
+                return table.fail(row, &column, "a standard deviation cannot be negative");
+            }
+            sd.push(noise);
+        }
+        Ok(Self {
+            source: source.to_owned(),
+            control_name: control.to_owned(),
+            control: table.numbers(control)?,
+            names: observables.to_vec(),
+            values,
+            sd,
+        })
+    }
+
+    /// Number of steps.
+    pub fn steps(&self) -> usize {
+        self.control.len()
+    }
+
+    /// Range of each observable over all steps, shape (observables,).
+    pub fn ranges(&self) -> Vec<f64> {
+        self.values.iter().map(|values| range(values)).collect()
+    }
+
+    /// Standard deviation of the noise of every reading, shape (observables, steps): from `noise`,
+    /// given by observable, else from the `_sd` columns; `None` if neither says anything.
+    ///
+    /// # Errors
+    /// If some observables have a noise and others none, a noise is not positive, or `noise` names
+    /// something that is no observable.
+    pub fn noise(&self, noise: &ByName) -> Result<Option<Vec<Vec<f64>>>> {
+        noise.check_names(&self.names, "--noise")?;
+        let mut all = Vec::new();
+        for (j, name) in self.names.iter().enumerate() {
+            match (noise.get(name), &self.sd[j]) {
+                (Some(sd), _) => all.push(vec![sd; self.steps()]),
+                (None, Some(sd)) => all.push(sd.clone()),
+                (None, None) => continue,
+            }
+            let is_size = |sd: &f64| *sd > 0.0 && (sd * sd).is_normal();
+            ensure!(
+                all.iter().flatten().all(is_size),
+                "{}: the noise of {name} is not positive, or its square beyond what a number can say; give \
+                 its standard deviation",
+                self.source
+            );
+        }
+        if all.is_empty() {
+            return Ok(None);
+        }
+        ensure!(
+            all.len() == self.names.len(),
+            "{}: some observables have a noise and others none; give --noise for each of {}",
+            self.source,
+            self.names.join(", ")
+        );
+        Ok(Some(all))
+    }
+}
+
+/// Largest minus smallest value.
+pub fn range(values: &[f64]) -> f64 {
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    if values.is_empty() { 0.0 } else { high - low }
+}
+
+/// Numbers by name, as in `n=0.01,q=2`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ByName(pub Vec<(String, f64)>);
+
+impl ByName {
+    /// The number given for `name`.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.iter().find(|(other, _)| other == name).map(|&(_, value)| value)
+    }
+
+    /// Whether nothing was given.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Check that every name is one of `names`.
+    ///
+    /// # Errors
+    /// If one is not; `flag` says in the message where it was given.
+    pub fn check_names(&self, names: &[String], flag: &str) -> Result<()> {
+        for (name, _) in &self.0 {
+            ensure!(names.contains(name), "{flag} {name}: no such observable; they are {}", names.join(", "));
+        }
+        Ok(())
+    }
+}
+
+impl FromStr for ByName {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let mut pairs: Vec<(String, f64)> = Vec::new();
+        for pair in text.split(',') {
+            let (name, value) =
+                pair.split_once('=').with_context(|| format!("{pair:?} is not NAME=NUMBER"))?;
+            ensure!(!pairs.iter().any(|(other, _)| other == name), "{name} is given twice");
+            pairs.push((name.trim().to_owned(), gl_table::parse_number(value.trim())?));
+        }
+        Ok(Self(pairs))
+    }
+}
+
+/// A range of steps `A:B`, from A up to but not including B; either may be left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// First step.
+    pub from: usize,
+    /// One past the last step.
+    pub to: usize,
+}
+
+impl Steps {
+    /// Every step.
+    pub const ALL: Self = Self { from: 0, to: usize::MAX };
+
+    /// Whether a step is in the range.
+    pub fn contains(self, step: usize) -> bool {
+        (self.from..self.to).contains(&step)
+    }
+
+    /// The part of the range that `steps` steps have.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn within(self, steps: usize) -> Result<std::ops::Range<usize>> {
+        let range = self.from..self.to.min(steps);
+        ensure!(
+            !range.is_empty(),
+            "--steps: the measurement has the steps 0 to {}, and none of those asked for",
+            steps - 1
+        );
+        Ok(range)
+    }
+}
+
+impl FromStr for Steps {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let problem = || format!("{text:?} is not A:B, from step A up to but not including step B");
+        let (from, to) = text.split_once(':').with_context(problem)?;
+        let number = |text: &str, absent: usize| {
+            if text.is_empty() { Ok(absent) } else { text.parse::<usize>().with_context(problem) }
+        };
+        let steps = Self { from: number(from, 0)?, to: number(to, usize::MAX)? };
+        ensure!(steps.from < steps.to, "{}", problem());
+        Ok(steps)
+    }
+}

@@ -1,0 +1,357 @@
+//! What may vary: the parameters, their prior distributions and the effects they belong to.
+
+use std::fmt;
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+
+use gl_numeric::normal::Truncated;
+pub use gl_numeric::normal::{normal_cdf, normal_quantile};
+use gl_table::Table;
+
+/// How a parameter is spread between its bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Evenly in the value.
+    Linear,
+    /// Evenly in the natural logarithm of the value.
+    Log,
+}
+
+/// One parameter: its bounds, its prior, and the effect it belongs to.
+///
+/// The prior is uniform between the bounds (in the logarithm, for [`Scale::Log`]), or a normal
+/// distribution truncated to them, whose mean and standard deviation are those of the value
+/// (of its natural logarithm, for [`Scale::Log`]) before truncation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name of the column that holds it.
+    pub name: String,
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound, above the lower one.
+    pub upper: f64,
+    /// Whether it is spread evenly in the value or in its logarithm.
+    pub scale: Scale,
+    /// Mean and standard deviation of a truncated normal prior; uniform if absent.
+    pub normal: Option<(f64, f64)>,
+    /// Name of the effect that it belongs to; absent for the base model.
+    pub effect: Option<String>,
+    /// The value at which the effect is absent; it may lie outside the bounds.
+    pub off: Option<f64>,
+    /// Unit, for axis labels.
+    pub unit: Option<String>,
+}
+
+/// The parameters of a calibration, with their priors, independent of each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prior {
+    parameters: Vec<Parameter>,
+}
+
+/// An effect that the base model lacks: a name and the parameters that come with it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Effect {
+    /// Its name.
+    pub name: String,
+    /// Its parameters, as positions in [`Prior::parameters`].
+    pub parameters: Vec<usize>,
+}
+
+const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
+
+/// Column names that tables use for themselves.
+const RESERVED: [&str; 12] = [
+    "description",
+    "key",
+    "sample",
+    "step",
+    "misfit",
+    "error",
+    "weight",
+    "readings",
+    "quantity",
+    "value",
+    "sigma",
+    "ess",
+];
+
+impl Prior {
+    /// A value of each parameter with every effect off; those of the base stand at their lower bound.
+    pub fn with_effects_off(&self) -> Vec<f64> {
+        self.parameters().iter().map(|p| p.off.unwrap_or(p.lower)).collect()
+    }
+
+    /// Read a `params.txt`: `name lower upper`, and optionally `scale mean sd effect off unit`, where
+    /// `-` stands for nothing.
+    ///
+    /// # Errors
+    /// If the table cannot be read, holds a column that means nothing here, or a parameter is no
+    /// parameter (bounds not in order, an effect without its `off` value, …).
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::from_table(&Table::read(path)?)
+    }
+
+    /// The parameters from a table that was read already; see [`Prior::read`].
+    ///
+    /// # Errors
+    /// See [`Prior::read`].
+    pub fn from_table(table: &Table) -> Result<Self> {
+        let source = table.format().source();
+        for column in table.format().columns() {
+            ensure!(
+                COLUMNS.contains(&column.as_str()),
+                "{source}:1: unknown column {column}; a table of parameters has {}",
+                COLUMNS.join(", ")
+            );
+        }
+        let name_column = table.format().column("name")?;
+        let (lower_column, upper_column) = (table.format().column("lower")?, table.format().column("upper")?);
+        let text = |row: usize, column: &str| -> Result<Option<String>> {
+            let field = table.format().find(column)?.map(|column| table.field(row, column));
+            Ok(field.filter(|field| !matches!(*field, "-" | "")).map(str::to_owned))
+        };
+        let number = |row: usize, column: &str| -> Result<Option<f64>> {
+            let present = text(row, column)?.is_some();
+            let place = table.format().find(column)?.filter(|_| present);
+            place.map(|place| table.number(row, place)).transpose()
+        };
+        ensure!(!table.is_empty(), "{source}: no parameters; add a row for each that may vary");
+
+        let mut parameters: Vec<Parameter> = Vec::new();
+        for row in 0..table.len() {
+            let name = table.field(row, name_column);
+            if let Err(problem) = check_parameter_name(name) {
+                return table.fail(row, "name", problem);
+            }
+            if parameters.iter().any(|parameter| parameter.name == name) {
+                return table.fail(row, "name", format_args!("{name} is there twice"));
+            }
+            let lower = table.number(row, lower_column)?;
+            let upper = table.number(row, upper_column)?;
+            let scale = match text(row, "scale")?.as_deref() {
+                None | Some("linear") => Scale::Linear,
+                Some("log") => Scale::Log,
+                Some(other) => {
+                    return table.fail(row, "scale", format_args!("{other:?} is neither linear nor log"));
+                }
+            };
+            if lower >= upper {
+                return table.fail(
+                    row,
+                    "upper",
+                    format_args!("{upper} is not above the lower bound {lower} of {name}"),
+                );
+            }
+            if !(upper - lower).is_finite() {
+                return table.fail(
+                    row,
+                    "upper",
+                    format_args!("{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"),
+                );
+            }
+            if scale == Scale::Log && lower <= 0.0 {
+                return table.fail(
+                    row,
+                    "lower",
+                    format_args!("{lower}, but on a log scale the bounds of {name} must be positive"),
+                );
+            }
+            let normal = match (number(row, "mean")?, number(row, "sd")?) {
+                (None, None) => None,
+                (Some(mean), Some(sd)) if sd > 0.0 => Some((mean, sd)),
+                (Some(_), Some(sd)) => return table.fail(row, "sd", format_args!("{sd} is not positive")),
+                (Some(_), None) => return table.fail(row, "sd", format_args!("{name} has a mean but no sd")),
+                (None, Some(_)) => {
+                    return table.fail(row, "mean", format_args!("{name} has an sd but no mean"));
+                }
+            };
+            let effect = text(row, "effect")?;
+            let off = number(row, "off")?;
+            if let (Some(effect), None) = (&effect, off) {
+                return table.fail(
+                    row,
+                    "off",
+                    format_args!("give the value of {name} at which the effect {effect} is absent"),
+                );
+            }
+            if let Some(effect) = &effect
+                && let Err(problem) = check_effect_name(effect)
+            {
+                return table.fail(row, "effect", problem);
+            }
+            let off = effect.as_ref().and(off);
+            let unit = text(row, "unit")?;
+            let parameter =
+                Parameter { name: name.to_owned(), lower, upper, scale, normal, effect, off, unit };
+            if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
+                return table.fail(row, "mean", format_args!(
+                    "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
+                ));
+            }
+            parameters.push(parameter);
+        }
+        Ok(Self { parameters })
+    }
+
+    /// The prior of these parameters, which must have been checked.
+    pub fn new(parameters: Vec<Parameter>) -> Self {
+        Self { parameters }
+    }
+
+    /// All parameters, in the order of the table.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// Names of all parameters.
+    pub fn names(&self) -> Vec<String> {
+        self.parameters.iter().map(|parameter| parameter.name.clone()).collect()
+    }
+
+    /// Positions of the parameters of the base model.
+    pub fn base(&self) -> Vec<usize> {
+        (0..self.parameters.len()).filter(|&j| self.parameters[j].effect.is_none()).collect()
+    }
+
+    /// The effects, in order of first appearance.
+    pub fn effects(&self) -> Vec<Effect> {
+        let mut effects: Vec<Effect> = Vec::new();
+        for (j, parameter) in self.parameters.iter().enumerate() {
+            let Some(name) = &parameter.effect else { continue };
+            match effects.iter_mut().find(|effect| effect.name == *name) {
+                Some(effect) => effect.parameters.push(j),
+                None => effects.push(Effect { name: name.clone(), parameters: vec![j] }),
+            }
+        }
+        effects
+    }
+
+    /// Effects by name, in the order of the table.
+    ///
+    /// # Errors
+    /// If a name is not an effect's.
+    pub fn select_effects(&self, names: &[String]) -> Result<Vec<Effect>> {
+        let effects = self.effects();
+        for name in names {
+            if !effects.iter().any(|effect| effect.name == *name) {
+                let known: Vec<_> = effects.iter().map(|effect| effect.name.as_str()).collect();
+                bail!(
+                    "no parameter belongs to an effect {name}; {}",
+                    if known.is_empty() {
+                        "the table has no effects".to_owned()
+                    } else {
+                        format!("the effects are {}", known.join(", "))
+                    }
+                );
+            }
+        }
+        Ok(effects.into_iter().filter(|effect| names.contains(&effect.name)).collect())
+    }
+}
+
+fn check_parameter_name(name: &str) -> Result<(), String> {
+    if RESERVED.contains(&name) || name.starts_with('!') {
+        return Err(format!("{name} is a name that tables use for themselves; choose another"));
+    }
+    if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
+        return Err(format!("{name:?} is no parameter name; use letters, digits, `_`, `-` and `.`"));
+    }
+    Ok(())
+}
+
+fn check_effect_name(name: &str) -> Result<(), String> {
+    if matches!(name, "none" | "unexplained" | "switch")
+        || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c))
+    {
+        return Err(format!(
+            "{name:?} is no effect name; use letters, digits, `_`, `-` and `.`, and not none, switch or unexplained"
+        ));
+    }
+    Ok(())
+}
+
+impl Parameter {
+    /// The value below which the prior holds the share `u` in [0, 1] of its probability.
+    pub fn quantile(&self, u: f64) -> f64 {
+        let (low, high) = self.scaled_bounds();
+        let value = match (self.normal, self.truncated()) {
+            (Some((mean, sd)), Some(truncated)) => mean + sd * truncated.quantile(u),
+            _ => low + u * (high - low),
+        };
+        let value = match self.scale {
+            Scale::Linear => value,
+            Scale::Log => value.exp(),
+        };
+        value.clamp(self.lower, self.upper)
+    }
+
+    /// The place of a value between the bounds on the parameter's own scale: 0 at the lower bound,
+    /// 1 at the upper one, outside [0, 1] beyond them. A value ≤ 0 on a log scale, which only an
+    /// `off` value can be, stands one range below the lower bound, at −1.
+    pub fn coordinate(&self, value: f64) -> f64 {
+        let (low, high) = self.scaled_bounds();
+        match self.scale {
+            Scale::Linear => (value - low) / (high - low),
+            Scale::Log if value > 0.0 => (value.ln() - low) / (high - low),
+            Scale::Log => -1.0,
+        }
+    }
+
+    /// The value at a coordinate in [0, 1]; see [`Parameter::coordinate`].
+    pub fn at_coordinate(&self, z: f64) -> f64 {
+        let (low, high) = self.scaled_bounds();
+        let value = low + z * (high - low);
+        match self.scale {
+            Scale::Linear => value,
+            Scale::Log => value.exp(),
+        }
+        .clamp(self.lower, self.upper)
+    }
+
+    /// Natural logarithm of the prior density at a coordinate, per unit of coordinate; −∞ outside
+    /// [0, 1].
+    pub fn ln_density(&self, z: f64) -> f64 {
+        if !(0.0..=1.0).contains(&z) {
+            return f64::NEG_INFINITY;
+        }
+        let (Some((mean, sd)), Some(truncated)) = (self.normal, self.truncated()) else { return 0.0 };
+        let (low, high) = self.scaled_bounds();
+        let standard = (low + z * (high - low) - mean) / sd;
+        -0.5 * standard * standard - 0.5 * std::f64::consts::TAU.ln() + ((high - low) / sd).ln()
+            - truncated.ln_mass()
+    }
+
+    /// Standard deviation of the prior, in the parameter's own unit.
+    pub fn sd(&self) -> f64 {
+        // By midpoints: exact enough for what it decides, and the same for every prior.
+        const POINTS: u32 = 2000;
+        let n = f64::from(POINTS);
+        let values: Vec<f64> = (0..POINTS).map(|i| self.quantile((f64::from(i) + 0.5) / n)).collect();
+        gl_numeric::statistics::sd(&values, &vec![1.0 / n; values.len()])
+    }
+
+    /// The bounds on the parameter's own scale.
+    fn scaled_bounds(&self) -> (f64, f64) {
+        match self.scale {
+            Scale::Linear => (self.lower, self.upper),
+            Scale::Log => (self.lower.ln(), self.upper.ln()),
+        }
+    }
+
+    /// The normal prior in standard deviations from its mean.
+    fn truncated(&self) -> Option<Truncated> {
+        let (mean, sd) = self.normal?;
+        let (low, high) = self.scaled_bounds();
+        Some(Truncated::new((low - mean) / sd, (high - mean) / sd))
+    }
+}
+
+impl fmt::Display for Scale {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Linear => "linear",
+            Self::Log => "log",
+        })
+    }
+}

@@ -1,0 +1,174 @@
+//! The samples table, which is also Yade's batch table: one row a run.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+
+use gl_table::{Table, TableWriter};
+
+/// Parameter samples: a name for each, which its run carries as `description`, and their values.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Samples {
+    /// Where they were read from, for messages.
+    pub source: String,
+    /// Name of each sample, without repetition.
+    pub names: Vec<String>,
+    /// Parameter names.
+    pub parameters: Vec<String>,
+    /// Parameter values, one row a sample.
+    pub values: Vec<Vec<f64>>,
+}
+
+impl Samples {
+    /// Read a samples table: `description`, `key` if it is there, and the parameters. Columns that
+    /// begin with `!` are environment variables for Yade and no parameters.
+    ///
+    /// # Errors
+    /// If the table cannot be read, a description is repeated or could do harm as a file name or in
+    /// a shell, or a parameter is no number.
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::from_table(&Table::read(path)?)
+    }
+
+    /// The samples from a table that was read already; see [`Samples::read`].
+    ///
+    /// # Errors
+    /// See [`Samples::read`].
+    pub fn from_table(table: &Table) -> Result<Self> {
+        let description = table.format().column("description")?;
+        let columns: Vec<usize> = (0..table.format().columns().len())
+            .filter(|&j| {
+                let name = table.format().columns()[j].as_str();
+                !matches!(name, "description" | "key") && !name.starts_with('!')
+            })
+            .collect();
+        let parameters: Vec<String> = columns.iter().map(|&j| table.format().columns()[j].clone()).collect();
+        for name in &parameters {
+            table.format().column(name)?;
+        }
+        let mut seen = HashMap::new();
+        let mut names = Vec::with_capacity(table.len());
+        let mut values = Vec::with_capacity(table.len());
+        for row in 0..table.len() {
+            let name = table.field(row, description);
+            if let Err(problem) = check_description(name) {
+                return table.fail(row, "description", problem);
+            }
+            if let Some(first) = seen.insert(name, table.line(row)) {
+                return table.fail(row, "description", format_args!("{name} is on line {first} already"));
+            }
+            names.push(name.to_owned());
+            values.push(columns.iter().map(|&j| table.number(row, j)).collect::<Result<_>>()?);
+        }
+        Ok(Self { source: table.format().source().to_owned(), names, parameters, values })
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+
+    /// Position of each sample by its name.
+    pub fn index(&self) -> HashMap<&str, usize> {
+        self.names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
+    }
+
+    /// The values in the order of `parameters`, which are found by name.
+    ///
+    /// # Errors
+    /// If one of them is no column here.
+    pub fn columns(&self, parameters: &[String]) -> Result<Vec<Vec<f64>>> {
+        let mut places = Vec::new();
+        for name in parameters {
+            let Some(place) = self.parameters.iter().position(|other| other == name) else {
+                bail!(
+                    "{}:1: no column {name}; the parameters are {}",
+                    self.source,
+                    self.parameters.join(", ")
+                );
+            };
+            places.push(place);
+        }
+        Ok(self.values.iter().map(|row| places.iter().map(|&j| row[j]).collect()).collect())
+    }
+
+    /// Put the samples of several tables behind each other.
+    ///
+    /// # Errors
+    /// If they have other parameters than the first, or share a name.
+    pub fn concatenate(tables: Vec<Self>) -> Result<Self> {
+        let mut tables = tables.into_iter();
+        let mut all = tables.next().unwrap_or_default();
+        for table in tables {
+            all.values.extend(table.columns(&all.parameters)?);
+            ensure!(
+                table.parameters.len() == all.parameters.len(),
+                "{}:1: the parameters are {}, but those of {} are {}",
+                table.source,
+                table.parameters.join(", "),
+                all.source,
+                all.parameters.join(", ")
+            );
+            let known = all.index();
+            if let Some(name) = table.names.iter().find(|name| known.contains_key(name.as_str())) {
+                bail!("{}: {name} is in {} already", table.source, all.source);
+            }
+            all.names.extend(table.names);
+        }
+        Ok(all)
+    }
+
+    /// Write a samples table, `!OMP_NUM_THREADS` first when `threads` are given.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: Option<&Path>, threads: Option<usize>) -> Result<()> {
+        let mut columns: Vec<&str> = Vec::new();
+        if threads.is_some() {
+            columns.push("!OMP_NUM_THREADS");
+        }
+        columns.extend(["description", "key"]);
+        columns.extend(self.parameters.iter().map(String::as_str));
+        let mut table = TableWriter::create(path, &columns)?;
+        for (i, (name, values)) in self.names.iter().zip(&self.values).enumerate() {
+            if let Some(threads) = threads {
+                table.text(&threads.to_string());
+            }
+            table.text(name).text(&i.to_string()).numbers(values).end_row()?;
+        }
+        table.finish()
+    }
+}
+
+/// Names `<name>_Iter<i>_Sample<j>`, zero-padded to the same length.
+///
+/// # Errors
+/// If `name` could do harm as a file name or in a shell.
+pub fn sample_names(name: &str, iteration: usize, count: usize) -> Result<Vec<String>> {
+    if let Err(problem) = check_description(name) {
+        bail!("--name {problem}");
+    }
+    let width = count.saturating_sub(1).to_string().len();
+    Ok((0..count).map(|j| format!("{name}_Iter{iteration}_Sample{j:0width$}")).collect())
+}
+
+/// Refuse a description that could leave its folder, or mean something to a shell.
+///
+/// # Errors
+/// With what is wrong, if it holds anything but letters, digits and `_ - . , = + @ :`, begins with
+/// `-` or `.`, or holds `..`.
+pub fn check_description(name: &str) -> Result<(), String> {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "_-.,=+@:".contains(c);
+    if name.is_empty() || !name.chars().all(harmless) || name.starts_with(['-', '.']) || name.contains("..") {
+        return Err(format!(
+            "{name:?} cannot name a run's files; use letters, digits and _ - . , = + @ : (no leading - or ., no ..)"
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,9 @@
+//! Numbers that know nothing of tables: weighted statistics, the normal distribution, densities and
+//! low-discrepancy sequences.
+
+pub mod density;
+pub mod normal;
+pub mod sequence;
+pub mod statistics;
+
+pub use anyhow::Result;
