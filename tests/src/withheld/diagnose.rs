@@ -157,9 +157,8 @@ fn verdict(bench: &Bench, how: How, design: &Design, case: &Case, finest: &[Vec<
     let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest)).transpose()?;
     let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
     let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
+    let named = Some(diagnosis.first()).filter(|first| first.is_cause());
     let explanations = &diagnosis.attribution.explanations;
-    let first = diagnosis.rows[0].explanation.map(|place| &explanations[place]);
-    let named = first.filter(|first| !first.hypothesis.is_empty());
     let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
     Ok((diagnosis, closes))
 }
@@ -169,7 +168,9 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "case",
         "first",
         "probability",
-        "unexplained",
+        "with_rest",
+        "closes",
+        "leans",
         "nearest",
         "confounded",
         "shrink",
@@ -180,12 +181,13 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
     ];
     let mut table = TableWriter::create(Some(path), &columns)?;
     for (row, (diagnosis, closes)) in verdicts.iter().enumerate() {
-        let (first, attribution) = (&diagnosis.rows[0], &diagnosis.attribution);
-        table
-            .text(list.field(row, 0))
-            .text(&first.name)
-            .numbers(&[first.probability, attribution.unexplained]);
-        table.text(&attribution.nearest).text(&first.confounded.join(","));
+        let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
+        table.text(list.field(row, 0)).text(&cause(&first.name));
+        table.numbers(&[diagnosis.stated()]);
+        table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
+        let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
+        table.text(&leans.join(","));
+        table.text(&attribution.nearest).text(&diagnosis.rows[0].confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =
@@ -193,19 +195,26 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let looks: Vec<String> = attribution
             .explanations
             .iter()
-            .filter_map(|e| {
-                let (ln, fits) = (e.with_discrepancy?, e.fits?);
+            .filter(|e| e.ln_weight > -6.0 || e.fits.is_some())
+            .map(|e| {
                 let found = &e.evidence;
-                Some(format!(
-                    "{}: {:.1} ± {:.2}, {:+.1}, fits {fits:.4}",
+                format!(
+                    "{}: {:.1} ± {:.2}, closes {:.2}, fits {:.4}{}",
                     e.name,
-                    found.ln,
+                    e.ln_weight,
                     found.error,
-                    ln - found.ln
-                ))
+                    e.closes,
+                    e.fits.unwrap_or(f64::NAN),
+                    e.ruled_out.map_or("", |why| why.word())
+                )
             })
             .collect();
         table.text(&effects.join(",")).text(&looks.join("; ")).end_row()?;
     }
     table.finish()
+}
+
+/// What is named as the cause, with a rest or without: `none`, effects, or `unexplained`.
+fn cause(name: &str) -> String {
+    name.strip_suffix("+unexplained").unwrap_or(name).to_owned()
 }

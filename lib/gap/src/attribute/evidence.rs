@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::attribute::ignorance::Ignorance;
 use crate::attribute::mode::{Mode, standard_normal};
 use crate::attribute::model::{Curve, Model, ln_prior};
 use gl_numeric::statistics::{ln_sum_exp, moments, normalised};
@@ -53,6 +54,7 @@ const COARSE_ROUNDS: usize = 2;
 pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaCha8Rng) -> Result<Evidence> {
     let dimensions = model.len();
     let mut proposals = vec![Mixture::about(&modes)];
+    let ignorance = Ignorance::about(model, &modes);
     let per_round = 60 + 15 * dimensions;
     let (mut samples, mut curves): (Vec<DVector<f64>>, Vec<Curve>) = (Vec::new(), Vec::new());
     let mut ln_target = Vec::new();
@@ -69,7 +71,7 @@ pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaC
         }
         for _ in 0..per_round {
             let w = latest.draw(random);
-            let curve = model.curve(w.as_slice());
+            let curve = ignorance.curve(model, w.as_slice());
             ln_target.push(model.ln_likelihood(w.as_slice(), &curve) + ln_prior(w.as_slice()));
             let densities: Vec<f64> = proposals.iter().map(|proposal| proposal.ln_density(&w)).collect();
             ln_proposed.push(ln_sum_exp(&densities));

@@ -48,7 +48,7 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
 }
 
 /// Points of the prior that come nearest to the measurement.
-fn screened(model: &Model<'_>, random: &mut ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> + use<> {
+fn screened(model: &Model<'_>, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let nuisances = vec![0.0; model.len() - model.curve_parameters()];
     let unknown = vec![0.0; model.problem().predictor.scatter().len()];
     let mut screened: Vec<(f64, Vec<f64>)> = (0..SCREENED)
@@ -60,7 +60,7 @@ fn screened(model: &Model<'_>, random: &mut ChaCha8Rng) -> impl Iterator<Item = 
         })
         .collect();
     screened.sort_by(|a, b| b.0.total_cmp(&a.0));
-    screened.into_iter().take(CLIMBED).map(|(_, w)| w)
+    screened.into_iter().take(CLIMBED).map(|(_, w)| w).collect()
 }
 
 /// The modes that lie apart, best first, without those that are negligible.
@@ -142,7 +142,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
             damping *= 8.0;
         }
         let is_done = gained < 0.01;
-        if is_done || iteration % 3 == 0 {
+        if is_done || iteration % 8 == 0 {
             curve = model.curve(&w);
             settle_nuisances(model, &mut w, &curve);
             let settled = objective(&w, &curve);

@@ -216,6 +216,12 @@ impl<'a> Model<'a> {
         self.measure(self.simulated(&self.problem.predictor.mean(&self.point(w))), w)
     }
 
+    /// The predicted measurement at a point of the simulation, with the effects of the measurement as at `w`,
+    /// shape (observables · steps).
+    pub fn measured_at(&self, point: &[f64], w: &[f64]) -> Vec<f64> {
+        self.measure(self.simulated(&self.problem.predictor.mean(point)), w)
+    }
+
     fn simulated(&self, components: &[f64]) -> Vec<f64> {
         let predictor = self.problem.predictor;
         let mut curve = predictor.centre().to_vec();

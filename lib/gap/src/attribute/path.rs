@@ -47,6 +47,13 @@ impl Path {
         &self.control
     }
 
+    /// Steps at which the control turns, ascending.
+    pub fn turns(&self) -> Vec<usize> {
+        let mut ends: Vec<usize> = self.branch.iter().map(|(start, _)| *start).filter(|&start| start > 0).collect();
+        ends.dedup();
+        ends
+    }
+
     /// Largest minus smallest control value.
     pub fn range(&self) -> f64 {
         range(&self.control)
