@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 
+use crate::fit::{BAD, of_misfit};
 use crate::summary::Summary;
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -113,8 +114,6 @@ const BAD_ERROR: f64 = 0.1;
 /// deviation is known to a fifth.
 const BLIND: f64 = 0.5;
 
-/// The best run misfits by more than so many times what the noise explains: the fit is bad.
-const BAD_MISFIT: f64 = 2.0;
 
 /// What speaks against trusting a calibration that `criteria` stop, one sentence each.
 ///
@@ -142,10 +141,15 @@ pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> 
     if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
         doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
     }
-    if let Some(times) = summary.find_number("best_misfit_over_noise")?.filter(|times| *times > BAD_MISFIT) {
-        doubts.push(format!(
-            "the fit is bad: the best run misfits by {times:.1} times what the noise explains"
-        ));
+    if let (Some(times), Some(misfit)) =
+        (summary.find_number("best_misfit_over_noise")?, summary.find_number("best_misfit")?)
+    {
+        // What the noise alone would make is one for each independent reading.
+        if of_misfit(misfit, misfit / times.max(f64::MIN_POSITIVE)) < BAD {
+            doubts.push(format!(
+                "the fit is bad: the best run misfits by {times:.1} times what the noise explains"
+            ));
+        }
     }
     if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
         doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));

@@ -129,7 +129,7 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
     let drawn: Vec<Case> =
-        (0..count).into_par_iter().map(|i| draw(bench, condition, seed, i as u64)).collect::<Result<_>>()?;
+        (0..count).into_par_iter().map(|i| draw_seen(bench, condition, seed, i as u64)).collect::<Result<_>>()?;
     let columns =
         ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
@@ -177,9 +177,30 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
     answers.finish()
 }
 
-fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Result<Case> {
+/// Drawn anew for a condition until what is behind a case can be seen, since what a condition does to effects that
+/// cannot is no matter.
+fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Result<Case> {
+    const TIMES: u64 = 40;
+    let is_seen = |case: &Case| match (case.effects.len(), &case.withheld) {
+        (0, _) => true,
+        (_, Some(_)) => case.visibility >= 2.0,
+        (1, None) => case.visibility >= 1.0,
+        _ => case.least >= 0.5,
+    };
+    let mut time = 0;
+    loop {
+        match draw(bench, condition, seed, stream, time) {
+            Ok(case) if condition == Condition::AsStated || is_seen(&case) || time == TIMES => return Ok(case),
+            // The world may refuse what lies outside the prior.
+            Err(error) if time == TIMES || condition == Condition::AsStated => return Err(error),
+            _ => time += 1,
+        }
+    }
+}
+
+fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(stream + 1);
+    random.set_stream(stream + 1 + 1_000_000 * time);
     let Kept { family, simulated, measured, is_withheld } =
         if condition == Condition::AsStated { kept(stream) } else { kept_under_a_condition(stream) };
     let parameters = bench.prior.parameters();
@@ -247,7 +268,13 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Result<C
     };
     // Noise and scatter together, as the unit of what is visible.
     let scatter = if family == Family::Scatter { SCATTER } else { 0.0 };
-    let spread: Vec<f64> = noise.iter().map(|sd| sd * scatter.hypot(share) / share).collect();
+    // And what else is in the measurement: an effect that is less than it cannot be told from it.
+    let rest = match condition {
+        Condition::Remainder(times) => times * share,
+        _ => 0.0,
+    };
+    let all = scatter.hypot(share).hypot(rest);
+    let spread: Vec<f64> = noise.iter().map(|sd| sd * all / share).collect();
     let visibility = |left_out: &[usize]| -> Result<f64> {
         let (start, free) = without(left_out);
         Ok(fit(bench, &start, &free, &truth, &spread)?.rms)

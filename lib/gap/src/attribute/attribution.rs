@@ -106,11 +106,11 @@ const CLOSE: f64 = 5.0;
 
 /// Hypotheses further below the most probable one (natural logarithm, to second order about their
 /// modes) are out of the question, and their evidence is estimated coarsely.
-const BEHIND: f64 = 15.0;
+const BEHIND: f64 = 10.0;
 
-/// Share of the gap that effects must close by themselves to be its cause where something else is at work,
-/// too.
-pub const CLOSES_MOST: f64 = 0.7;
+/// Share of the gap that an effect must close by itself to be its cause where something else is at work, too;
+/// and that several must close together, which imitate more.
+const CLOSES_MOST: (f64, f64) = (0.6, 0.85);
 
 /// A hypothesis with what a search found.
 struct Found<'a> {
@@ -242,9 +242,18 @@ fn search<'a>(
             .map(|place| {
                 let mut model = Model::new(problem, &sets[place], plain.is_some());
                 let own = plain.into_iter().map(|plain| &plain[place]);
-                let smaller = all.iter().filter(|found| {
-                    sets[found.place].len() + 1 == size && is_part(&sets[found.place], &sets[place])
-                });
+                let mut smaller: Vec<&Found<'a>> = all
+                    .iter()
+                    .filter(|found| {
+                        sets[found.place].len() + 1 == size && is_part(&sets[found.place], &sets[place])
+                    })
+                    .collect();
+                if plain.is_some() {
+                    // The modes without the rest are near already; of the others the best will do.
+                    let height = |found: &Found<'_>| found.modes.first().map_or(f64::MIN, |m| m.ln_posterior);
+                    smaller.sort_by(|a, b| height(b).total_cmp(&height(a)));
+                    smaller.truncate(1);
+                }
                 let starts: Vec<Vec<f64>> = own
                     .chain(smaller)
                     .filter_map(|found| {
@@ -300,7 +309,8 @@ fn rule_out(explanations: &mut [Explanation]) {
     let Some(unexplained) = twin(explanations, &Vec::new()) else { return };
     for place in 0..explanations.len() {
         let of = &mut explanations[place];
-        if of.has_rest && of.is_cause() && of.closes < CLOSES_MOST {
+        let least = if of.hypothesis.len() > 1 { CLOSES_MOST.1 } else { CLOSES_MOST.0 };
+        if of.has_rest && of.is_cause() && of.closes < least {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
             let taken = std::mem::take(&mut of.probability);
             explanations[unexplained].probability += taken;

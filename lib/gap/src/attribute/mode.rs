@@ -20,6 +20,8 @@ pub struct Mode {
 
 /// Points of the prior from which the best are climbed.
 const SCREENED: usize = 64;
+/// The same where smaller hypotheses have been climbed already.
+const SCREENED_BESIDE: usize = 24;
 /// How many of them are climbed.
 const CLIMBED: usize = 2;
 /// Modes that lie further below the best are left to the wide part of the proposal.
@@ -35,7 +37,11 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
     if let (true, Some(start)) = (model.has_rest(), starts.first()) {
         model.set_form(&model.added(start), &[]);
     }
-    let screened = if model.has_rest() { Vec::new() } else { screened(model, random) };
+    let screened = match (model.has_rest(), starts.len()) {
+        (true, _) => Vec::new(),
+        (false, 0 | 1) => screened(model, SCREENED, random),
+        (false, _) => screened(model, SCREENED_BESIDE, random),
+    };
     let modes: Vec<Mode> = starts.iter().cloned().chain(screened).map(|start| climb(model, start)).collect();
     let mut modes = distinct(modes);
     let Some(best) = modes.first().cloned() else { return modes };
@@ -48,10 +54,10 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
 }
 
 /// Points of the prior that come nearest to the measurement.
-fn screened(model: &Model<'_>, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+fn screened(model: &Model<'_>, count: usize, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let nuisances = vec![0.0; model.len() - model.curve_parameters()];
     let unknown = vec![0.0; model.problem().predictor.scatter().len()];
-    let mut screened: Vec<(f64, Vec<f64>)> = (0..SCREENED)
+    let mut screened: Vec<(f64, Vec<f64>)> = (0..count)
         .map(|_| {
             let mut w: Vec<f64> = (0..model.curve_parameters()).map(|_| standard_normal(random)).collect();
             w.extend(&nuisances);

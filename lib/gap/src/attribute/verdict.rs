@@ -7,7 +7,7 @@ use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::hypothesis::name;
 use crate::attribute::lean::Lean;
-use crate::attribute::path::Path;
+use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use gl_table::verdict::Verdicts;
 
@@ -156,44 +156,8 @@ fn rest_places(problem: &Problem<'_>, of: &Explanation) -> String {
     let rest = crate::attribute::rest::rest(problem, of);
     rest.map_or_else(String::new, |rest| {
         let (observable, stretch) = rest.place(problem);
-        format!(", in {} {}", problem.observables[observable], told(problem, stretch.start, stretch.end))
+        format!(", in {} {}", problem.observables[observable], problem.path.told(&problem.control_name, &stretch))
     })
-}
-
-/// A stretch of the control in words, as a path where the control turns.
-pub fn told(problem: &Problem<'_>, start: usize, end: usize) -> String {
-    path_in_words(&problem.path, &problem.control_name, start, end)
-}
-
-/// Steps from `start` up to but not including `end` in words: between two values of the control, or where the
-/// control turns on the way there, from the first over each turn to the last.
-pub fn path_in_words(path: &Path, control: &str, start: usize, end: usize) -> String {
-    let values = path.control();
-    let (from, to) = (short(values[start]), short(values[end - 1]));
-    let turns: Vec<usize> = path.turns().into_iter().filter(|&t| start < t && t + 1 < end).collect();
-    if turns.is_empty() && path.turns().is_empty() {
-        return format!("between {control} {from} and {to}");
-    }
-    let way = |step: usize| {
-        let next = (step + 1).min(values.len() - 1);
-        if values[next] >= values[next - 1] { "rising" } else { "falling" }
-    };
-    match turns.len() {
-        0 => format!("with {control} {} from {from} to {to}", way(start)),
-        1 => format!(
-            "with {control} {} from {from}, over the turn at {}, back to {to}",
-            way(start),
-            short(values[turns[0]])
-        ),
-        count => format!("with {control} {} from {from}, over {count} turns, to {to}", way(start)),
-    }
-}
-
-/// A number to three digits.
-pub fn short(value: f64) -> String {
-    let mut text = Vec::new();
-    gl_table::push_number(&mut text, format!("{value:.2e}").parse().unwrap_or(value));
-    String::from_utf8_lossy(&text).into_owned()
 }
 
 /// How the readings scatter, if otherwise than stated, and which are far off.
@@ -270,7 +234,7 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
             of_first.name,
             rival.name,
             at.observable,
-            told(problem, at.steps.start, at.steps.end),
+            problem.path.told(&problem.control_name, &at.steps),
             at.height
         ));
     }
