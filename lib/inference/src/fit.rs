@@ -48,11 +48,7 @@ pub fn test(left: &[Vec<f64>], taken: usize) -> Fit {
         .map_or(1.0, |normal| 2.0 * normal.sf(beyond.abs() * (pairs as f64).sqrt()))
         .min(1.0);
     let smallest = of_square.min(of_correlation);
-    Fit {
-        probability: 1.0 - (1.0 - smallest).powi(2),
-        scatter: (square / freedom).sqrt(),
-        correlation,
-    }
+    Fit { probability: 1.0 - (1.0 - smallest).powi(2), scatter: (square / freedom).sqrt(), correlation }
 }
 
 /// Probability of a misfit at least as large as this sum of squares of so many independent readings.
@@ -72,7 +68,8 @@ mod tests {
 
     #[test]
     fn noise_is_a_good_fit_in_ninety_nine_of_a_hundred() {
-        let bad = (0..200).filter(|&seed| test(&[noise(seed, 60), noise(seed + 300, 60)], 3).is_bad()).count();
+        let bad =
+            (0..200).filter(|&seed| test(&[noise(seed, 60), noise(seed + 300, 60)], 3).is_bad()).count();
         assert!(bad <= 5, "{bad}");
     }
 

@@ -114,7 +114,6 @@ const BAD_ERROR: f64 = 0.1;
 /// deviation is known to a fifth.
 const BLIND: f64 = 0.5;
 
-
 /// What speaks against trusting a calibration that `criteria` stop, one sentence each.
 ///
 /// # Errors

@@ -128,8 +128,10 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
     for folder in [&cases, &sealed] {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
-    let drawn: Vec<Case> =
-        (0..count).into_par_iter().map(|i| draw_seen(bench, condition, seed, i as u64)).collect::<Result<_>>()?;
+    let drawn: Vec<Case> = (0..count)
+        .into_par_iter()
+        .map(|i| draw_seen(bench, condition, seed, i as u64))
+        .collect::<Result<_>>()?;
     let columns =
         ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
@@ -190,7 +192,9 @@ fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Res
     let mut time = 0;
     loop {
         match draw(bench, condition, seed, stream, time) {
-            Ok(case) if condition == Condition::AsStated || is_seen(&case) || time == TIMES => return Ok(case),
+            Ok(case) if condition == Condition::AsStated || is_seen(&case) || time == TIMES => {
+                return Ok(case);
+            }
             // The world may refuse what lies outside the prior.
             Err(error) if time == TIMES || condition == Condition::AsStated => return Err(error),
             _ => time += 1,
@@ -238,11 +242,8 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let truth = faults.applied(bench, &simulated);
     let share = NOISES[random.random_range(0..NOISES.len())];
     let noise: Vec<f64> = truth.iter().map(|curve| share * range(curve)).collect();
-    let factor = if family == Family::Scatter {
-        factor(&bench.path())
-    } else {
-        DMatrix::zeros(truth[0].len(), 0)
-    };
+    let factor =
+        if family == Family::Scatter { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
     let mut noisy =
         if family == Family::Scatter { scattered(&truth, &factor, &mut random) } else { truth.clone() };
     for (curve, sd) in noisy.iter_mut().zip(&noise) {

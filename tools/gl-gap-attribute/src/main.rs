@@ -12,6 +12,7 @@ use gl_gap::attribute::marginals::{Marginal, marginals};
 use gl_gap::attribute::measurement::Kind;
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::problem::Problem;
+use gl_gap::attribute::rest::{GoesWith, goes_with};
 use gl_gap::attribute::self_check::{Design, self_check, summary};
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
@@ -67,6 +68,10 @@ struct Args {
     /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
     #[arg(long, value_name = "FILE")]
     posterior_out: Option<PathBuf>,
+    /// Also write what the rest goes with, where the first hypothesis leaves one: observable, goes_with, share, z,
+    /// like
+    #[arg(long, value_name = "FILE")]
+    rest_out: Option<PathBuf>,
     /// Also write what is concluded: code, value, text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
@@ -150,6 +155,9 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.posterior_out {
         write_posteriors(path, &problem, &diagnosis)?;
     }
+    if let Some(path) = &args.rest_out {
+        write_rest(path, &problem, &diagnosis)?;
+    }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
         write_next(path, count, args, &problem, &diagnosis)?;
@@ -218,6 +226,16 @@ fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -
         for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
             table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, f64::from(lean)]).end_row()?;
         }
+    }
+    table.finish()
+}
+
+fn write_rest(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["observable", "goes_with", "share", "z", "like"])?;
+    let first = diagnosis.first();
+    let all = if first.has_rest { goes_with(problem, first)? } else { Vec::new() };
+    for GoesWith { observable, what, share, z, like } in all {
+        table.text(&problem.observables[observable]).text(&what).numbers(&[share, z]).text(like).end_row()?;
     }
     table.finish()
 }

@@ -263,7 +263,12 @@ mod tests {
         let amplitude = at.amplitudes.first().copied().unwrap_or(0.0);
         for (i, variance) in smooth.variances.iter().enumerate() {
             let pattern = smooth.patterns.column(i).into_owned();
-            covariance.ger((0.15 * 0.15 + amplitude * amplitude) * sd * sd * variance, &pattern, &pattern, 1.0);
+            covariance.ger(
+                (0.15 * 0.15 + amplitude * amplitude) * sd * sd * variance,
+                &pattern,
+                &pattern,
+                1.0,
+            );
         }
         for (pattern, sd) in patterns {
             let pattern = DVector::from_column_slice(pattern);

@@ -183,9 +183,8 @@ impl Filled<'_> {
         let mut projected = self.root_transposed(self.of.patterns.tr_mul(&precise));
         self.factor.l_dirty().solve_lower_triangular_mut(&mut projected);
         let steps = self.of.steps as f64;
-        let of_level = |level: &Level| {
-            steps * level.variance.ln() + (steps - 1.0) * (1.0 - level.phi * level.phi).ln()
-        };
+        let of_level =
+            |level: &Level| steps * level.variance.ln() + (steps - 1.0) * (1.0 - level.phi * level.phi).ln();
         let ln_det = self.of.ln_units
             + self.levels.iter().map(of_level).sum::<f64>()
             + 2.0 * self.factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
@@ -227,9 +226,8 @@ impl Filled<'_> {
             .map(|i| {
                 let (diagonal, ends, _) = self.levels[i / steps].tridiagonal();
                 let t = i % steps;
-                let of_noise = diagonal
-                    + if t == 0 { ends } else { 0.0 }
-                    + if t + 1 == steps { ends } else { 0.0 };
+                let of_noise =
+                    diagonal + if t == 0 { ends } else { 0.0 } + if t + 1 == steps { ends } else { 0.0 };
                 (of_noise - columns.column(i).norm_squared()) * self.of.reciprocal[i].powi(2)
             })
             .collect()

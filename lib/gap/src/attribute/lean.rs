@@ -26,8 +26,8 @@ pub struct Lean {
 const GAIN: f64 = 2.0;
 
 /// A hypothesis matters where it would be within this of the first (natural logarithm), had it what it would
-/// gain.
-const MATTERS: f64 = 3.0;
+/// gain, and this share of what it is behind, since beyond the runs the gain is a guess.
+const MATTERS: (f64, f64) = (3.0, 0.3);
 
 /// Shares of the prior's width that a fit may go beyond it, and must for it to be said.
 const FURTHEST: f64 = 0.6;
@@ -51,7 +51,8 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
     let mut found: Vec<Lean> = Vec::new();
     for of in order {
         let (gain, more) = beyond(problem, of)?;
-        if gain > GAIN && of.ln_weight + gain > first - MATTERS {
+        let behind = (first - of.ln_weight).max(0.0);
+        if gain > GAIN && gain > (1.0 - MATTERS.1) * behind - MATTERS.0 {
             found.extend(more);
         }
     }

@@ -84,22 +84,30 @@ fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
     distinct
 }
 
-/// Take readings to be far off, one after the other, as long as that pays; whether anything has changed.
+/// Take readings to be far off, the furthest first, as long as that pays; whether anything has changed.
 fn with_outliers(model: &mut Model<'_>, mut best: Mode) -> (Mode, bool) {
     let most = (MOST_OUTLIERS * model.problem().observed.len() as f64) as usize;
     let mut is_changed = false;
-    while model.outliers().len() < most {
+    loop {
         let curve = model.curve(best.w.as_slice());
-        let Some((reading, _)) = model.furthest_off(best.w.as_slice(), &curve) else { break };
-        let mut outliers = model.outliers().to_vec();
-        outliers.push(reading);
+        let mut more = model.far_off(best.w.as_slice(), &curve);
+        more.truncate(most.saturating_sub(model.outliers().len()));
+        if more.is_empty() {
+            return (best, is_changed);
+        }
+        let before = model.clone();
+        let mut outliers = [model.outliers(), &more].concat();
         outliers.sort_unstable();
         let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
         model.set_form(&added, &outliers);
-        best = climb(model, best.w.as_slice().to_vec());
+        let next = climb(model, best.w.as_slice().to_vec());
+        if next.ln_posterior <= best.ln_posterior {
+            *model = before;
+            return (best, is_changed);
+        }
+        best = next;
         is_changed = true;
     }
-    (best, is_changed)
 }
 
 /// Whether a mode lies more than two standard deviations from another.
@@ -166,9 +174,11 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
         covariance.view_mut((0, 0), (dimensions, dimensions)).copy_from(&factor.inverse());
     }
     let others = w.len() - dimensions;
-    covariance
-        .view_mut((dimensions, dimensions), (others, others))
-        .copy_from(&spread_of_nuisances(&w, dimensions, |w| objective(w, &curve)));
+    covariance.view_mut((dimensions, dimensions), (others, others)).copy_from(&spread_of_nuisances(
+        &w,
+        dimensions,
+        |w| objective(w, &curve),
+    ));
     Mode { w: DVector::from_vec(w), covariance, ln_posterior: value }
 }
 
@@ -227,7 +237,7 @@ fn normal_equations(model: &Model<'_>, w: &[f64], curve: &Curve) -> Option<(DVec
 
 /// Put the nuisances where they are most probable, one after the other, the curve as it is.
 fn settle_nuisances(model: &Model<'_>, w: &mut [f64], curve: &Curve) {
-    const STEPS: [f64; 2] = [0.6, 0.15];
+    const STEPS: [f64; 3] = [0.6, 0.15, 0.04];
     let objective = |w: &[f64], i: usize| model.ln_likelihood(w, curve) - 0.5 * w[i] * w[i];
     for step in STEPS {
         for i in model.curve_parameters()..w.len() {
@@ -248,8 +258,22 @@ fn settle_nuisances(model: &Model<'_>, w: &mut [f64], curve: &Curve) {
                     break;
                 }
             }
+            if step == STEPS[STEPS.len() - 1] {
+                refine(w, i, step, highest, &objective);
+            }
         }
     }
+}
+
+/// Move one parameter to the top of the parabola through its value and those a step to either side.
+fn refine(w: &mut [f64], i: usize, step: f64, here: f64, objective: &impl Fn(&[f64], usize) -> f64) {
+    let at = w[i];
+    w[i] = at + step;
+    let above = objective(w, i);
+    w[i] = at - step;
+    let below = objective(w, i);
+    let bend = 2.0 * here - above - below;
+    w[i] = if bend > 0.0 { at + (0.5 * step * (above - below) / bend).clamp(-step, step) } else { at };
 }
 
 /// A standard normal number.

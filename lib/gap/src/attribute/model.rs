@@ -6,11 +6,11 @@ use std::sync::Arc;
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
+use crate::attribute::gaussian::{Filled, Patterns};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::measurement::MeasurementEffect;
 use crate::attribute::predictor::Prediction;
-use crate::attribute::gaussian::{Filled, Patterns};
-use crate::attribute::problem::{FAR_OFF, Nuisances, Problem};
+use crate::attribute::problem::{Nuisances, Problem};
 use gl_inference::prior::normal_cdf;
 
 /// A hypothesis: the base model, the candidates that are in, and perhaps something unknown: a rest.
@@ -70,6 +70,9 @@ const SMALLEST_AMPLITUDE: f64 = 0.1;
 
 /// Smallest and largest error of an effect's form, as shares of what it adds to the curve.
 const FORM: (f64, f64) = (0.02, 0.5);
+
+/// How many standard deviations off a reading must be to be tried as one that is far off.
+const OUTLYING: f64 = 3.5;
 
 /// Probability beforehand of a reading to be far off.
 const OUTLIER: f64 = 0.01;
@@ -332,25 +335,28 @@ impl<'a> Model<'a> {
             .map_or(f64::NEG_INFINITY, |value| value + self.outliers.len() as f64 * ln_outlier_odds())
     }
 
-    /// The reading that it would pay most to take for one that is far off, with what the density gains by that.
-    pub fn furthest_off(&self, w: &[f64], curve: &Curve) -> Option<(usize, f64)> {
+    /// Readings that are further from what all others say of them than most are, furthest first: more than
+    /// [`OUTLYING`] times as far as half of those of the observable are at the least, made consistent for normal
+    /// noise. Two that are far off make the noise seem large, by which neither is; the median sees neither.
+    pub fn far_off(&self, w: &[f64], curve: &Curve) -> Vec<usize> {
         let residual = DMatrix::from_vec(curve.mean.len(), 1, self.residual(&curve.mean));
-        let scales = self.nuisances(w).scales;
-        let steps = self.problem.steps();
-        let found = self.with_covariance(w, &curve.variance, |covariance| {
+        let scores = self.with_covariance(w, &curve.variance, |covariance| {
             let precise = covariance.solve(&residual);
-            let precisions = covariance.precisions();
-            let gain = |i: usize| {
-                let more = (FAR_OFF * scales[i / steps] * self.problem.units[i]).powi(2);
-                let wider = 1.0 + more * precisions[i];
-                0.5 * (precise[i].powi(2) * more / wider - wider.ln()) + ln_outlier_odds()
-            };
-            (0..residual.len())
-                .filter(|i| !self.outliers.contains(i))
-                .map(|i| (i, gain(i)))
-                .max_by(|a, b| a.1.total_cmp(&b.1))
+            let score = |(z, precision): (&f64, f64)| z.abs() / precision.sqrt();
+            precise.iter().zip(covariance.precisions()).map(score).collect::<Vec<f64>>()
         });
-        found.ok().flatten().filter(|(_, gain)| *gain > 0.0)
+        let scores = scores.unwrap_or_default();
+        let mut far: Vec<usize> = Vec::new();
+        for (j, own) in scores.chunks_exact(self.problem.steps()).enumerate() {
+            let mut sorted = own.to_vec();
+            sorted.sort_by(f64::total_cmp);
+            let unit = 1.4826 * sorted[sorted.len() / 2];
+            let first = j * own.len();
+            far.extend((0..own.len()).filter(|&t| own[t] > OUTLYING * unit).map(|t| first + t));
+        }
+        far.retain(|i| !self.outliers.contains(i));
+        far.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
+        far
     }
 }
 

@@ -51,7 +51,8 @@ impl Path {
 
     /// Steps at which the control turns, ascending.
     pub fn turns(&self) -> Vec<usize> {
-        let mut ends: Vec<usize> = self.branch.iter().map(|(start, _)| *start).filter(|&start| start > 0).collect();
+        let mut ends: Vec<usize> =
+            self.branch.iter().map(|(start, _)| *start).filter(|&start| start > 0).collect();
         ends.dedup();
         ends
     }
@@ -108,7 +109,10 @@ impl Path {
         match inside.as_slice() {
             [] => format!("with {control} {way} from {from} to {to}"),
             [turn] => {
-                format!("with {control} {way} from {from}, over the turn at {}, back to {to}", short(values[*turn]))
+                format!(
+                    "with {control} {way} from {from}, over the turn at {}, back to {to}",
+                    short(values[*turn])
+                )
             }
             turns => format!("with {control} {way} from {from}, over {} turns, to {to}", turns.len()),
         }

@@ -9,6 +9,7 @@ use crate::attribute::hypothesis::name;
 use crate::attribute::lean::Lean;
 use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
+use crate::attribute::rest::goes_with;
 use gl_table::verdict::Verdicts;
 
 /// Below this probability a hypothesis is not settled.
@@ -32,7 +33,11 @@ const FITS: f64 = 0.05;
 fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
     let model = explanation.model(problem);
     let w = explanation.best();
-    let scales = model.nuisances(w).scales;
+    // By the stated noise: one that came out larger may have taken in what the emulator does not know.
+    let mut scales = model.nuisances(w).scales;
+    if problem.is_noise_stated {
+        scales.iter_mut().for_each(|scale| *scale = scale.min(1.0));
+    }
     let errors = problem.emulator_errors(&model.curve(w).variance);
     let square =
         |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &scales).powi(2);
@@ -66,6 +71,7 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, bounds: &str, seed:
         ),
     );
     add_cause(&mut verdicts, problem, diagnosis, seed)?;
+    add_rest(&mut verdicts, problem, diagnosis.first())?;
     add_noise(&mut verdicts, problem, diagnosis.first());
     let ignorance = ignorance(problem, diagnosis.first());
     if ignorance > IGNORANT {
@@ -94,12 +100,7 @@ fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
 }
 
 /// The cause, or why there is none.
-fn add_cause(
-    verdicts: &mut Verdicts,
-    problem: &Problem<'_>,
-    diagnosis: &Diagnosis,
-    seed: u64,
-) -> Result<()> {
+fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let first = diagnosis.first();
     let effects = name(&first.hypothesis, &problem.candidates);
     let probability = diagnosis.probability_of(&first.hypothesis);
@@ -108,10 +109,14 @@ fn add_cause(
     if !first.is_cause() {
         if !first.has_rest {
             let code = if diagnosis.leans.is_empty() { "none" } else { "unsettled" };
-            verdicts.add(code, "none", format!(
-                "no effect is needed: the base model explains the measurement, probability {:.2}",
-                first.probability
-            ));
+            verdicts.add(
+                code,
+                "none",
+                format!(
+                    "no effect is needed: the base model explains the measurement, probability {:.2}",
+                    first.probability
+                ),
+            );
             return Ok(());
         }
         verdicts.add("unexplained", first.probability, format!(
@@ -151,12 +156,39 @@ fn add_cause(
     Ok(())
 }
 
+/// What a rest goes with, if it clearly goes with something.
+fn add_rest(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) -> Result<()> {
+    /// Share of its square from which something is worth naming.
+    const CLEARLY: f64 = 0.4;
+    if !first.has_rest {
+        return Ok(());
+    }
+    if let Some(most) = goes_with(problem, first)?.first().filter(|most| most.share >= CLEARLY) {
+        let name = &problem.observables[most.observable];
+        verdicts.add(
+            "rest-goes-with",
+            &most.what,
+            format!(
+                "what is left of {name} goes with {} ({} % of it), as {} would",
+                most.what,
+                percent(most.share),
+                most.like
+            ),
+        );
+    }
+    Ok(())
+}
+
 /// Where most of a rest is: the observable and the stretch of the control, with a comma before.
 fn rest_places(problem: &Problem<'_>, of: &Explanation) -> String {
     let rest = crate::attribute::rest::rest(problem, of);
     rest.map_or_else(String::new, |rest| {
         let (observable, stretch) = rest.place(problem);
-        format!(", in {} {}", problem.observables[observable], problem.path.told(&problem.control_name, &stretch))
+        format!(
+            ", in {} {}",
+            problem.observables[observable],
+            problem.path.told(&problem.control_name, &stretch)
+        )
     })
 }
 
@@ -166,16 +198,24 @@ fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation
     for (j, name) in problem.observables.iter().enumerate() {
         let scale = nuisances.scales[j];
         if problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale) {
-            verdicts.add("noise-scale", scale, format!(
-                "the readings of {name} scatter {} times what was stated; the verdict is by what they do",
-                short(scale)
-            ));
+            verdicts.add(
+                "noise-scale",
+                scale,
+                format!(
+                    "the readings of {name} scatter {} times what was stated; the verdict is by what they do",
+                    short(scale)
+                ),
+            );
         }
         if nuisances.phi[j] > CORRELATED {
-            verdicts.add("noise-correlation", nuisances.phi[j], format!(
-                "the noise of {name} is correlated from one reading to the next by about {:.1}",
-                nuisances.phi[j]
-            ));
+            verdicts.add(
+                "noise-correlation",
+                nuisances.phi[j],
+                format!(
+                    "the noise of {name} is correlated from one reading to the next by about {:.1}",
+                    nuisances.phi[j]
+                ),
+            );
         }
     }
     let steps = problem.steps();
@@ -201,9 +241,9 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
     let (first, of_first) = (&diagnosis.rows[0], diagnosis.first());
     let probability = diagnosis.probability_of(&of_first.hypothesis);
     let is_rest_alone = |of: &Explanation| of.has_rest && !of.is_cause();
-    let rival = explanations.iter().find(|of| {
-        of.hypothesis != of_first.hypothesis || is_rest_alone(of) != is_rest_alone(of_first)
-    });
+    let rival = explanations
+        .iter()
+        .find(|of| of.hypothesis != of_first.hypothesis || is_rest_alone(of) != is_rest_alone(of_first));
     let is_open = if of_first.is_cause() { probability } else { of_first.probability } < SETTLED;
     if let (true, Some(rival)) = (is_open, rival) {
         let own = if is_rest_alone(rival) || rival.hypothesis.is_empty() {
@@ -211,22 +251,27 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
         } else {
             diagnosis.probability_of(&rival.hypothesis)
         };
-        verdicts.add("next", &rival.name, format!(
-            "not settled: next comes {} with probability {own:.2}",
-            if is_rest_alone(rival) { UNEXPLAINED } else { &rival.name }
-        ));
+        verdicts.add(
+            "next",
+            &rival.name,
+            format!(
+                "not settled: next comes {} with probability {own:.2}",
+                if is_rest_alone(rival) { UNEXPLAINED } else { &rival.name }
+            ),
+        );
     }
     // The rival that a further measurement should tell from the first: one that it is confounded with, else
     // the next in line.
-    let confounded = first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
+    let confounded =
+        first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
     let rival = confounded.or(rival.filter(|of| is_open && !is_rest_alone(of)));
     let Some(rival) = rival.filter(|_| !is_rest_alone(of_first)) else { return };
     if !first.confounded.is_empty() {
-        verdicts.add("confounded", first.confounded.join(","), format!(
-            "this measurement cannot tell {} from {}",
-            first.name,
-            first.confounded.join(", ")
-        ));
+        verdicts.add(
+            "confounded",
+            first.confounded.join(","),
+            format!("this measurement cannot tell {} from {}", first.name, first.confounded.join(", ")),
+        );
     }
     if let Some(at) = difference(problem, of_first, rival) {
         verdicts.add("measure-at", &at.observable, format!(
