@@ -2,30 +2,40 @@
 
 SHELL := /bin/bash
 CASE ?= examples/collision
-ENGINE ?= embedded
 OUT ?= out/$(notdir $(CASE))
 PREFIX ?= /usr/local
-export PATH := $(CURDIR)/target/release:$(CURDIR)/scripts:$(PATH)
+BIN := $(or $(CARGO_TARGET_DIR),target)/release
+# What is built here, and nothing else of that name.
+export PATH := $(abspath $(BIN)):$(PATH)
 export MAKE
 
 # make parts its words at blanks.
-$(foreach name,CASE OUT,$(if $(word 2,$($(name))),$(error $(name)=$($(name)): a path with blanks cannot go through make; use another name)))
+$(foreach name,CASE OUT,$(if $(word 2,$($(name))),$(error $(name)=$($(name)): a path with blanks cannot go through make; call gl-calibrate and the others, which take any path)))
 
 SHARE = $(DESTDIR)$(PREFIX)/share
 TOOLS := $(notdir $(wildcard tools/gl-*))
-BIN := target/release
+
+# Settings of case.toml that win over it when they are given to make or in its environment.
+# `value`, so that nothing in them is expanded.
+SETTINGS := NUM SEED MODEL NOISE SCALE WEIGHTS STEPS SIGMA_TOL ERROR_TOL ENSEMBLE_ERROR_TOL MAX_FAILED THREADS PACKED
+SETTINGS += ESS EMULATED POSTERIOR SAMPLING COMPONENTS COVARIANCE EFFECTS DESIGN_NUM MEASUREMENT MAX_EFFECTS SCATTER
+quoted = '$(subst ','\'',$(1))'
+GIVEN = $(foreach key,$(SETTINGS),$(if $(value $(key)),$(call quoted,$(key)=$(value $(key)))))
+FOR = $(CASE) $(if $(ENGINE),--engine $(ENGINE)) --out $(OUT)
+LIMITS = $(if $(ITERATIONS),--iterations $(ITERATIONS)) $(if $(MORE),--more $(MORE))
 
 help:
 	@sed -n 's/^## //p' $(MAKEFILE_LIST)
 
 ## make demo                        build; calibrate a contact between two spheres; the posterior and a picture.
 ##                                  ENGINE=yade-batch does it with Yade
+DEMO := out/demo-$(or $(ENGINE),embedded)
 demo: build
-	@scripts/calibrate examples/collision $(ENGINE) out/demo-$(ENGINE)
-	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w out/demo-$(ENGINE)/posterior-weights.txt \
-	 out/demo-$(ENGINE)/ensemble.txt -o out/demo-$(ENGINE)/fit.png
-	@echo; echo "The fit is drawn in out/demo-$(ENGINE)/fit.png, the tables stand beside it."
-	@echo "make report OUT=out/demo-$(ENGINE) puts all of it on a page; docs/tutorial.md goes on from here."
+	@gl-calibrate examples/collision $(if $(ENGINE),--engine $(ENGINE)) --out $(DEMO)
+	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w $(DEMO)/posterior-weights.txt \
+	 $(DEMO)/ensemble.txt -o $(DEMO)/fit.png
+	@echo; echo "The fit is drawn in $(DEMO)/fit.png, the tables stand beside it."
+	@echo "make report OUT=$(DEMO) puts all of it on a page; docs/tutorial.md goes on from here."
 
 ## make test                        everything: the library, the tools, the scripts, the engines that are here
 test: build
@@ -37,40 +47,43 @@ build:
 
 ## make calibrate CASE=… ENGINE=…   calibrate a case with ENGINE embedded, local, yade-batch, slurm or pbs;
 ##                                  ITERATIONS=N at most, or MORE=N beyond those that are there; into OUT.
-##                                  Settings of case.env, such as NUM=N or SEED=N, win over it
+##                                  Settings of case.toml, such as NUM=N or SEED=N, win over it
 calibrate: build
-	@scripts/calibrate $(CASE) $(ENGINE) $(OUT)
+	@gl-calibrate $(FOR) $(LIMITS) $(GIVEN)
+
+## make check CASE=…                what is wrong with a case, and what it will take
+check: build
+	@gl-check $(FOR) $(if $(ITERATIONS),iterations=$(ITERATIONS)) $(GIVEN)
 
 ## make iteration CASE=… SAMPLES=… RUNS=…   one iteration of runs that were made elsewhere, and the next samples;
 ##                                  ITERATION=1, 2, … goes on; into OUT
 iteration: build
-	@ITERATION=$(or $(ITERATION),0) scripts/one-iteration $(CASE) $(SAMPLES) $(RUNS) $(OUT) || [ $$? -eq 1 ]
+	@gl-iterate $(CASE) $(SAMPLES) $(RUNS) --iteration $(or $(ITERATION),0) --out $(OUT) $(GIVEN) || [ $$? -eq 1 ]
 
 ## make submit CASE=…              the same in the queue of SLURM (ENGINE=pbs: of PBS), with nothing that must stay connected;
 ##                                  make status and make cancel OUT=… say how it gets on and end it
 submit: build
-	@scripts/submit $(CASE) $(OUT)
-status:
-	@scripts/status $(OUT) || [ $$? -eq 1 ]
-cancel:
-	@scripts/cancel $(OUT)
+	@gl-submit $(FOR) $(LIMITS) $(GIVEN)
+status: build
+	@gl-status $(OUT) || [ $$? -eq 1 ]
+cancel: build
+	@gl-cancel $(OUT)
 
 ## make report CASE=…               a calibration or diagnosis as one HTML file with its pictures
+report: OUT := $(if $(filter file,$(origin OUT)),$(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT)),$(OUT))
 report: build
-	@scripts/report-html $(CASE) $(ENGINE) $(if $(filter file,$(origin OUT)),$(firstword $(wildcard out/$(notdir $(CASE))-diagnosis) $(OUT)),$(OUT))
+	@gl-report $(FOR) $(GIVEN)
 
 ## make diagnose CASE=… ENGINE=…    calibrate, locate the gap, find its cause, see how far it closes; OUT/report.md
 diagnose: OUT := out/$(notdir $(CASE))-diagnosis
 diagnose: build
-	@mkdir -p $(OUT)
-	@$(MAKE) --no-print-directory -s -f scripts/diagnose.mk CASE=$(CASE) ENGINE=$(ENGINE) OUT=$(OUT) $(OUT)/report.md
-	@echo "The report is $(OUT)/report.md"
+	@gl-diagnose $(FOR) $(if $(ITERATIONS),iterations=$(ITERATIONS)) $(GIVEN)
 
 ## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 20 minutes.
 ##                                  RUNS=10: runs of the design an input, SEED=…: other cases
 CASES ?= 200
-RUNS ?= 25
-SEED ?= 9006
+withheld: RUNS := $(or $(RUNS),25)
+withheld: SEED := $(or $(SEED),9006)
 withheld: build
 	@for world in contact triaxial; do dir=out/withheld/$$world-$(RUNS)-$(SEED); mkdir -p $$dir; echo "## $$world"; \
 	     withheld generate $$world $$dir --num $(CASES) --seed $(SEED) && \
@@ -80,7 +93,7 @@ withheld: build
 
 ## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
 bench: build
-	@scripts/bench/run
+	@scripts/dev/bench/run
 
 ## make man                         manual pages and completions, in out/man
 man: build
@@ -107,7 +120,7 @@ RELEASE := gl-$(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml)-x86_64-lin
 dist:
 	@rm -rf out/$(RELEASE)
 	@RUSTFLAGS='-C target-feature=+crt-static' $(MAKE) --no-print-directory install DESTDIR= PREFIX=out/$(RELEASE) \
-	 BIN=target/$(TARGET)/release INSTALL_OPTIONS=--strip BUILD_OPTIONS='--exclude pipelines --target $(TARGET)'
+	 BIN=$(or $(CARGO_TARGET_DIR),target)/$(TARGET)/release INSTALL_OPTIONS=--strip BUILD_OPTIONS='--exclude pipelines --target $(TARGET)'
 	@cp -r README.md CHANGELOG.md LICENSE-* docs out/$(RELEASE)
 	@tar -C out --sort=name --owner=0 --group=0 --numeric-owner -czf out/$(RELEASE).tar.gz.part $(RELEASE)
 	@tests/dist/check out/$(RELEASE).tar.gz.part
@@ -118,4 +131,4 @@ dist:
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate iteration submit status cancel report diagnose withheld bench man install dist clean
+.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld bench man install dist clean

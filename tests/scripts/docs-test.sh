@@ -80,14 +80,6 @@ links_of_the_pages_lead_somewhere() {
     done
 }
 
-pages_name_keys_that_the_scripts_read() {
-    local key
-    # shellcheck disable=SC2016  # backquotes are Markdown's
-    for key in $(sed -n 's/^| \(`[A-Z_`, ]*\).*/\1/p' "$ROOT/docs/calibration.md" | tr -d '`,'); do
-        grep -qw "$key" "$ROOT"/scripts/*.mk "$ROOT"/scripts/calibrate || { echo "$key is read nowhere"; return 1; }
-    done
-}
-
 names_of_yade_in_the_pages_are_yades() {
     needs yade yade
     # shellcheck disable=SC2016  # backquotes are Markdown's

@@ -71,7 +71,7 @@ headers_that_are_wrong_are_refused() {
     done <<'END'
 |no header
 a|no column description
-description a a|column a is there more than once
+description a a|duplicate column a
 description !EXEC|cannot be a column name
 description a;b|cannot be a column name
 description dir|column dir
@@ -234,17 +234,95 @@ two_engines_on_one_folder_take_turns() {
     same "$(wc -l <started)" 3
 }
 
-xargs_does_what_parallel_does() {
-    with_model
+an_engine_needs_no_other_program() {
     with_table 1 2 3
     mkdir bin
-    local tool
-    for tool in awk bash cat cut dirname flock grep head ln ls mkdir mktemp mv nproc printf readlink rm rmdir sed \
-        seq setpriv sleep sort sync tee timeout touch tr wc xargs env true; do
-        ln -s "$(type -P "$tool")" "bin/$tool"
+    ln -s "$(type -P gl-run)" bin/gl-run
+    # shellcheck disable=SC2016  # the model expands it
+    printf '#!%s\n%s\n' "$(type -P bash)" 'printf "u f\n0 1\n" >"$1_sim.txt"' >model
+    chmod +x model
+    PATH=$PWD/bin ends_with 0 "$PWD/bin/gl-run" local samples.txt './model {description}' runs
+    says '3 run, 0 failed'
+}
+
+each_of_the_processes_may_be_killed() {
+    with_model
+    with_table 4.25
+    local engine
+    run-local samples.txt "$model" runs 2>/dev/null &
+    engine=$!
+    until [ -e started ]; do sleep 0.01; done
+    ends_with 0 gl-run status samples.txt runs
+    grep -qx $'r0\trunning\t-' out
+    kill -9 "$engine"
+    wait "$engine" || true
+    # The lock is free once the run has ended.
+    timeout 5 flock runs true
+    if pgrep -f "$PWD/model"; then return 1; fi
+    same "$(cat runs/r0.status)" '143 TERMINATED'
+    rm started
+    run-local samples.txt "$model" runs 2>err &
+    engine=$!
+    until [ -e started ]; do sleep 0.01; done
+    pkill -9 -P "$engine"
+    wait "$engine" || true
+    says '1 rows were not tried'
+    if pgrep -f "$PWD/model"; then return 1; fi
+}
+
+a_model_that_leaves_its_group_keeps_the_next_engine_waiting() {
+    with_table 1
+    # shellcheck disable=SC2016  # the model expands it
+    printf '#!/bin/bash\nsetsid sleep 2 &\nsleep 0.2\nprintf "u f\\n0 1\\n" >"$1_sim.txt"\n' >model
+    chmod +x model
+    ends_with 0 run-local samples.txt './model {description}' runs
+    rm runs/r0_sim.txt
+    ends_with 0 run-local samples.txt './model {description}' runs
+    says 'waiting for the runs'
+}
+
+where_all_runs_crashed_the_first_log_is_shown() {
+    with_table 1 2
+    ends_with 0 run-local samples.txt "sh -c 'echo no licence for {a} >&2; exit 3'" runs
+    says '2 failed: r0 (3) r1 (3)'
+    says "no run is complete; $PWD/runs/r0.log ends with:"
+    says '    no licence for 1'
+    PACKED=1 ends_with 0 run-local samples.txt "sh -c 'echo no licence for {a} >&2; exit 3'" packed
+    says '    no licence for 1'
+}
+
+a_result_that_is_no_run_is_said_and_run_again() {
+    with_table 1 2 3
+    cat >model <<'END'
+#!/bin/bash
+case $2 in
+    1) printf 'u f\n0 1' >"$1_sim.txt" ;;
+    2) printf 'u f\n' >"$1_sim.txt" ;;
+    3) printf 'u f\n0 1\n' >"$1_sim.txt"; printf 'a\n4\n' >"$1_param.txt" ;;
+esac
+END
+    chmod +x model
+    local packed
+    for packed in 0 1; do
+        PACKED=$packed ends_with 0 run-local samples.txt './model {description} {a}' "runs$packed"
+        says '3 failed: r0 (0 TRUNCATED) r1 (0 EMPTY) r2 (0 PARAMETERS)'
     done
-    PATH=$ROOT/scripts:$PWD/bin ends_with 0 run-local samples.txt "$model" runs
-    says '2 run, 1 failed'
+    ends_with 0 gl-run status samples.txt runs0
+    same "$(cut -f 1,2 out)" $'sample\tstatus\nr0\ttruncated\nr1\tempty\nr2\tparameters'
+}
+
+options_and_the_environment_say_the_same() {
+    with_model
+    with_table 4.5
+    mkdir case
+    ends_with 0 gl-run local samples.txt "$PWD/model {description} {a} $PWD" runs --case case --jobs 1 --run-timeout 0.2 --packed
+    says 'r0 (124 TIMEOUT)'
+    local setting
+    for setting in PACKED=yes JOBS=0 JOBS=all RUN_TIMEOUT=soon CASE=nowhere GL_SCRATCH=nowhere; do
+        ends_with 2 env "$setting" gl-run local samples.txt "$model" other
+        says "${setting#*=}"
+        absent other
+    done
 }
 
 a_log_does_not_fill_the_disk() {
@@ -326,6 +404,22 @@ what_else_a_packed_run_writes_stays_beside() {
     with_table 1
     PACKED=1 ends_with 0 run-local samples.txt "sh -c 'printf \"u f\\n0 1\\n\" | tee {description}_sim.txt >{description}_grains.txt'" runs
     same "$(ls -A runs)" $'r0_grains.txt\nr0_packed.txt'
+}
+
+loose_runs_can_be_packed_afterwards() {
+    with_model
+    with_table 1 2 3
+    ends_with 0 run-local samples.txt "$model" runs
+    cp -r runs loose
+    ends_with 0 gl-run pack runs
+    says '2 runs packed'
+    same "$(ls -A runs)" $'r0_packed.txt\nr2.log\nr2.status'
+    rm started
+    ends_with 0 run-local samples.txt "$model" runs
+    same "$(cat started)" r2
+    ends_with 0 gl-run unpack runs/r0_packed.txt unpacked
+    for file in unpacked/*; do cmp "$file" "loose/${file#*/}"; done
+    ends_with 2 gl-run pack nowhere
 }
 
 damage_in_a_packed_file_is_said_when_it_is_unpacked() {

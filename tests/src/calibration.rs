@@ -1,4 +1,4 @@
-//! Whole calibrations by `scripts/calibrate`.
+//! Whole calibrations by `gl-calibrate`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -8,34 +8,48 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 
 use crate::folder::Folder;
-use crate::{example, path_with_tools, root};
+use crate::{example, programs};
 
-/// Copy an example into a folder as `case`, with some settings of its `case.env` replaced.
+/// Copy an example into a folder as `case`, with some settings of its `case.toml` replaced, each a key and a value
+/// in the words of TOML.
 pub fn copy_case(folder: &Folder, name: &str, settings: &[(&str, &str)]) {
     for entry in std::fs::read_dir(example(name)).unwrap() {
-        let entry = entry.unwrap();
-        let file = format!("case/{}", entry.file_name().display());
-        folder.write(&file, std::fs::read(entry.path()).unwrap());
+        let path = entry.unwrap().path();
+        if path.is_file() {
+            let file = format!("case/{}", path.file_name().unwrap().display());
+            folder.write(&file, std::fs::read(path).unwrap());
+        }
     }
-    let mut env: Vec<String> = folder.read("case/case.env").lines().map(str::to_owned).collect();
-    for (key, value) in settings {
-        env.retain(|line| !line.starts_with(&format!("{key}=")));
-        env.push(format!("{key}={value}"));
-    }
-    folder.write("case/case.env", env.join("\n") + "\n");
+    set(folder, settings);
 }
 
-/// `scripts/calibrate case ENGINE OUT` in a folder, in a process group of its own.
-pub fn calibrate(folder: &Folder, engine: &str, out: &str) -> Command {
-    let mut command = Command::new(root().canonicalize().unwrap().join("scripts/calibrate"));
+/// Replace settings of `case/case.toml`.
+pub fn set(folder: &Folder, settings: &[(&str, &str)]) {
+    let mut lines: Vec<String> = folder.read("case/case.toml").lines().map(str::to_owned).collect();
+    for (key, value) in settings {
+        lines.retain(|line| !line.starts_with(&format!("{key} = ")));
+        lines.insert(0, format!("{key} = {value}"));
+    }
+    folder.write("case/case.toml", lines.join("\n") + "\n");
+}
+
+/// A driver, called in a folder, in a process group of its own.
+pub fn driver(folder: &Folder, tool: &str) -> Command {
+    let mut command = Command::new(programs().join(tool));
     command
-        .args(["case", engine, out])
-        .env("PATH", path_with_tools())
         .env_remove("MAKEFLAGS")
         .env_remove("MAKELEVEL")
+        .env_remove("PACKED")
         .current_dir(folder.path(""))
         .process_group(0)
         .stdin(Stdio::null());
+    command
+}
+
+/// `gl-calibrate case --engine ENGINE --out OUT` in a folder.
+pub fn calibrate(folder: &Folder, engine: &str, out: &str) -> Command {
+    let mut command = driver(folder, "gl-calibrate");
+    command.args(["case", "--engine", engine, "--out", out]);
     command
 }
 

@@ -68,7 +68,7 @@ impl Folder {
     /// A quantity of a summary.
     pub fn quantity(&self, summary: &str, name: &str) -> f64 {
         let summary = Summary::read(&self.path(summary)).unwrap();
-        summary.find_number(name).unwrap().unwrap_or_else(|| panic!("no {name}"))
+        summary.quantity(name).unwrap_or_else(|| panic!("no {name}"))
     }
 
     /// All files below it, with what they hold.

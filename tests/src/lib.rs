@@ -1,6 +1,7 @@
 //! Helpers for tests that run the real binaries.
 
 pub mod calibration;
+pub mod coverage;
 pub mod folder;
 pub mod line;
 pub mod packed;
@@ -34,7 +35,7 @@ pub fn path_with_tools() -> String {
 }
 
 /// Where cargo puts the binaries: the test itself stands in `deps` beside them.
-fn programs() -> PathBuf {
+pub fn programs() -> PathBuf {
     let test = env::current_exe().unwrap_or_default();
     test.ancestors().nth(2).map(Path::to_owned).unwrap_or_default()
 }

@@ -46,7 +46,7 @@ fn a_missing_header_is_refused_with_its_line() {
 
 #[test]
 fn a_repeated_header_is_refused_by_name() {
-    with_obs("x y y\n0 1 2\n").refuses(LIKELIHOOD, &["obs.txt:1: column y is there more than once"]);
+    with_obs("x y y\n0 1 2\n").refuses(LIKELIHOOD, &["obs.txt:1: duplicate column y"]);
 }
 
 #[test]
@@ -324,7 +324,7 @@ fn priors_without_sense_are_refused() {
             "params.txt:2: column scale: \"logarithmic\" is neither linear nor log",
         ),
         ("name lower upper scale\na 0 2 log\n", "must be positive"),
-        ("name lower upper\na 1 2\na 1 2\n", "params.txt:3: column name: a is there twice"),
+        ("name lower upper\na 1 2\na 1 2\n", "params.txt:3: column name: duplicate a"),
         ("name lower upper\nkey 1 2\n", "choose another"),
         ("name lower upper mean sd\na 1 2 1 0\n", "params.txt:2: column sd: 0 is not positive"),
         ("name lower upper effect off\na 1 2 creep -\n", "params.txt:2: column off"),

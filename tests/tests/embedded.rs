@@ -5,14 +5,13 @@
 use std::fs;
 
 use assert_cmd::Command;
+use gl_case::{Case, Engine};
 use gl_table::Table;
 use pipelines::{example, tool};
 
-/// Keys and values of a `case.env`.
-fn case(name: &str, key: &str) -> String {
-    let text = fs::read_to_string(example(name).join("case.env")).unwrap();
-    let line = text.lines().find_map(|line| line.strip_prefix(&format!("{key}=")));
-    line.unwrap().to_owned()
+/// The case of an example.
+fn case(name: &str) -> Case {
+    Case::load::<&str>(&example(name), &[]).unwrap()
 }
 
 const EXAMPLES: [&str; 2] = ["contact-effects", "triaxial-element"];
@@ -30,13 +29,22 @@ fn every_run_of_a_switch_design_is_collected() {
             .arg(&samples)
             .assert()
             .success();
-        let model = case(name, "MODEL_embedded");
+        let case = case(name);
+        let model = case.model.of(Engine::Embedded).unwrap();
         let mut words = model.split(' ');
         let mut simulate = tool(words.next().unwrap());
         simulate.args(words).arg("-s").arg(&samples).arg(&runs).assert().success().stdout("");
         let ensemble = dir.path().join("ensemble.tsv");
         tool("gl-collect")
-            .args(["--max-failed", "0", "-c", &case(name, "CONTROL"), "-v", &case(name, "OBSERVABLES"), "-s"])
+            .args([
+                "--max-failed",
+                "0",
+                "-c",
+                &case.tests[0].control.measured,
+                "-v",
+                &case.tests[0].observable_names().join(","),
+                "-s",
+            ])
             .arg(&samples)
             .arg("-b")
             .arg(example(name).join("obs.txt"))

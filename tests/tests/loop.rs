@@ -5,15 +5,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::thread::sleep;
 use std::time::{Instant, SystemTime};
 
 use pipelines::calibration::{
-    STIFFNESS, calibrate, copy_case, finish, kill_group, posterior, stiffness, tables,
+    STIFFNESS, calibrate, copy_case, driver, finish, kill_group, posterior, stiffness, tables,
 };
 use pipelines::folder::Folder;
-use pipelines::{path_with_tools, root};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -37,7 +36,7 @@ fn what_the_data_cannot_tell_stays_uncertain() {
     let (mut held, mut said, mut sds) = (0, 0, Vec::new());
     for seed in 1..9 {
         let folder = Folder::default();
-        copy_case(&folder, "collision", &[("SEED", &seed.to_string())]);
+        copy_case(&folder, "collision", &[("seed", &seed.to_string())]);
         let (_, stderr) = finish(&mut calibrate(&folder, "embedded", "out"));
         said += u32::from(stderr.contains("the measurement says little of nu"));
         let summary = posterior(&folder, "out");
@@ -57,7 +56,7 @@ fn what_the_data_cannot_tell_stays_uncertain() {
 fn emulated_samples_save_iterations() {
     let iterations = |emulated: &str| {
         let folder = Folder::default();
-        copy_case(&folder, "collision", &[("EMULATED", emulated)]);
+        copy_case(&folder, "collision", &[("emulated", emulated)]);
         finish(&mut calibrate(&folder, "embedded", "out"));
         assert_eq!(folder.path("out/iter0/emulated-weights.txt").exists(), emulated != "0");
         (0..).take_while(|i| folder.path(&format!("out/iter{i}/stop.code")).exists()).count()
@@ -138,7 +137,7 @@ fn packed(folder: &Folder, out: &str) -> Vec<String> {
 fn survives(case: &str, engine: &str, settings: &[(&str, &str)], kills: usize, seed: u64) -> Folder {
     let folder = Folder::default();
     copy_case(&folder, case, settings);
-    let is_packed = settings.contains(&("PACKED", "1"));
+    let is_packed = settings.contains(&("packed", "true"));
     let start = Instant::now();
     finish(&mut calibrate(&folder, engine, "whole"));
     let longest = start.elapsed().mul_f64(0.4);
@@ -211,23 +210,23 @@ fn file_names(folder: &Folder, out: &str) -> BTreeSet<PathBuf> {
 
 #[test]
 fn a_calibration_killed_at_any_moment_ends_with_the_same_bytes() {
-    survives("collision", "embedded", &[("NUM", "60")], 12, 1);
+    survives("collision", "embedded", &[("num", "60")], 12, 1);
 }
 
 /// A hundred kills, which leave nothing behind and lose nothing.
 #[test]
 fn a_calibration_of_processes_killed_at_any_moment_ends_with_the_same_bytes() {
-    survives("linear", "local", &[("NUM", "24"), ("ITERATIONS", "2"), ("EMULATED", "50")], 100, 2);
+    survives("linear", "local", &[("num", "24"), ("iterations", "2"), ("emulated", "50")], 100, 2);
 }
 
 #[test]
 fn packed_runs_killed_at_any_moment_end_with_the_bytes_of_loose_ones() {
-    let settings = [("NUM", "24"), ("ITERATIONS", "2"), ("EMULATED", "50"), ("PACKED", "0")];
+    let settings = [("num", "24"), ("iterations", "2"), ("emulated", "50"), ("packed", "false")];
     let loose = Folder::default();
     copy_case(&loose, "linear", &settings);
     finish(&mut calibrate(&loose, "local", "whole"));
     let packed =
-        survives("linear", "local", &[settings[0], settings[1], settings[2], ("PACKED", "1")], 20, 3);
+        survives("linear", "local", &[settings[0], settings[1], settings[2], ("packed", "true")], 20, 3);
     assert_eq!(tables(&loose, "whole"), tables(&packed, "whole"));
 }
 
@@ -247,12 +246,12 @@ fn iterations_are_limited_and_added() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
     let iterations = || (0..).take_while(|i| folder.path(&format!("out/iter{i}/stop.code")).exists()).count();
-    let (_, stderr) = finish(calibrate(&folder, "embedded", "out").env("ITERATIONS", "2"));
+    let (_, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--iterations", "2"]));
     assert_eq!(iterations(), 2);
     assert!(stderr.contains("stop, by iterations"), "{stderr}");
     assert!(stderr.contains("times that of the noise"), "{stderr}");
     let first = tables(&folder, "out");
-    finish(calibrate(&folder, "embedded", "out").env("MORE", "2"));
+    finish(calibrate(&folder, "embedded", "out").args(["--more", "2"]));
     assert_eq!(iterations(), 4);
     let after = tables(&folder, "out");
     assert!(of_iterations(&first).all(|(file, bytes)| after[file] == *bytes));
@@ -264,12 +263,11 @@ fn of_iterations(tables: &BTreeMap<PathBuf, Vec<u8>>) -> impl Iterator<Item = (&
     tables.iter().filter(|(file, _)| file.parent().is_some_and(|parent| !parent.as_os_str().is_empty()))
 }
 
-fn one_iteration(folder: &Folder, arguments: &str, iteration: usize) -> (Option<i32>, String, String) {
-    let output = Command::new(root().canonicalize().unwrap().join("scripts/one-iteration"))
+fn iterate(folder: &Folder, arguments: &str, iteration: usize) -> (Option<i32>, String, String) {
+    let mut command = driver(folder, "gl-iterate");
+    let output = command
         .args(arguments.split(' '))
-        .env("PATH", path_with_tools())
-        .env("ITERATION", iteration.to_string())
-        .current_dir(folder.path(""))
+        .args(["--out", "out", "--iteration", &iteration.to_string()])
         .output()
         .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -280,15 +278,15 @@ fn one_iteration(folder: &Folder, arguments: &str, iteration: usize) -> (Option<
 fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
-    finish(calibrate(&folder, "embedded", "whole").env("ITERATIONS", "2"));
+    finish(calibrate(&folder, "embedded", "whole").args(["--iterations", "2"]));
     folder.run("gl-sample -p case/params.txt -n 30 --name collision -o mine.txt");
     folder.run("gl-contact -s mine.txt mine");
-    let (code, stdout, stderr) = one_iteration(&folder, "case mine.txt mine out", 0);
+    let (code, stdout, stderr) = iterate(&folder, "case mine.txt mine", 0);
     assert_eq!(code, Some(1), "{stdout}{stderr}");
     assert!(stdout.contains("iteration 0: 30 runs, 0 failed"), "{stdout}");
     assert!(stdout.ends_with("next samples: out/iter1/samples.txt\n"), "{stdout}");
     folder.run("gl-contact -s out/iter1/samples.txt next");
-    let (code, stdout, stderr) = one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    let (code, stdout, stderr) = iterate(&folder, "case out/iter1/samples.txt next", 1);
     assert!(code < Some(2), "{stdout}{stderr}");
     let (whole, out) = (tables(&folder, "whole"), tables(&folder, "out"));
     for (file, bytes) in of_iterations(&whole) {
@@ -298,35 +296,37 @@ fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
     let run = folder.path("next/collision_Iter1_Sample00_sim.txt");
     let text = std::fs::read(&run).unwrap();
     std::fs::remove_file(&run).unwrap();
-    one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    iterate(&folder, "case out/iter1/samples.txt next", 1);
     assert_eq!(folder.quantity("out/iter1/posterior.txt", "failed"), 1.0);
     std::fs::write(&run, text).unwrap();
-    one_iteration(&folder, "case out/iter1/samples.txt next out", 1);
+    iterate(&folder, "case out/iter1/samples.txt next", 1);
     assert_eq!(folder.quantity("out/iter1/posterior.txt", "failed"), 0.0);
 }
 
 #[test]
-fn a_wrong_call_of_the_scripts_says_what_is_wrong() {
+fn a_wrong_call_says_what_is_wrong() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
-    for (engine, says) in [("slrum", "no engine slrum"), ("", "no engine")] {
-        let output = calibrate(&folder, engine, "out").output().unwrap();
-        assert_eq!(output.status.code(), Some(2));
-        assert!(String::from_utf8_lossy(&output.stderr).contains(says), "{engine}");
-    }
-    for (key, number) in [("ITERATIONS", "ten"), ("MORE", "0")] {
-        let output = calibrate(&folder, "embedded", "out").env(key, number).output().unwrap();
+    let refused = |arguments: &[&str], says: &str| {
+        let output = driver(&folder, "gl-calibrate").args(arguments).output().unwrap();
         let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2));
-        assert!(message.contains("from 1"), "{message}");
-    }
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        assert!(message.contains(says), "{arguments:?}: {message}");
+    };
+    refused(&["case", "--engine", "slrum"], "no engine slrum: did you mean slurm?");
+    refused(&["case", "--engine", ""], "no engine");
+    refused(&["case", "--iterations", "ten"], "from 1");
+    refused(&["case", "--more", "0"], "from 1");
+    refused(&["case", "nmu=3"], "nmu: did you mean num?");
+    refused(&["num=3"], "num=3: is no folder of a case; CASE comes first");
+    refused(&["nowhere"], "nowhere/case.toml: no such case");
     for (arguments, iteration, says) in [
-        ("nowhere mine.txt runs out", 0, "nowhere/case.env: no such case"),
-        ("case nowhere.txt runs out", 0, "nowhere.txt: no such samples table"),
-        ("case case/obs.txt runs out", 0, "runs: no such folder of runs"),
-        ("case case/obs.txt case out", 1, "do iteration 0 first"),
+        ("nowhere mine.txt runs", 0, "nowhere/case.toml: no such case"),
+        ("case nowhere.txt runs", 0, "nowhere.txt: no such samples table"),
+        ("case case/obs.txt runs", 0, "runs: no such folder of runs"),
+        ("case case/obs.txt case", 1, "do iteration 0 first"),
     ] {
-        let (code, _, stderr) = one_iteration(&folder, arguments, iteration);
+        let (code, _, stderr) = iterate(&folder, arguments, iteration);
         assert_eq!(code, Some(2), "{arguments}");
         assert!(stderr.contains(says), "{arguments}: {stderr}");
     }

@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::{self, ExitCode};
 
-use anyhow::{Error, Result, bail, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use clap::{Command, Parser};
 use clap_complete::Shell;
 use gl_table::verdict::Verdicts;
@@ -60,6 +60,18 @@ pub fn not_negative(text: &str) -> Result<f64> {
     Ok(number)
 }
 
+/// The largest number of anything that is made at once: samples, steps, draws.
+pub const MOST: usize = 10_000_000;
+
+/// An argument that counts what is to be made: from 1 to [`MOST`].
+///
+/// # Errors
+/// If it is no such number.
+pub fn count(text: &str) -> Result<usize> {
+    let count = text.parse().ok().filter(|count| (1..=MOST).contains(count));
+    count.with_context(|| format!("{text:?} is not a number from 1 to {MOST}"))
+}
+
 /// What a tool's `run` returns: done, or an answer yes or no.
 pub trait Outcome {
     /// The exit code: 0 done or yes, 1 no.
@@ -108,6 +120,28 @@ pub fn conclude(tool: &str, verdicts: &Verdicts, path: Option<&Path>) -> Result<
         note(tool, &verdict.text);
     }
     path.map_or(Ok(()), |path| verdicts.write(Some(path)))
+}
+
+/// Refuse two outputs to one file, which would lose a table.
+///
+/// # Errors
+/// If two of the paths are the same file.
+pub fn distinct<'a>(outputs: impl IntoIterator<Item = Option<&'a PathBuf>>) -> Result<()> {
+    let mut taken = Vec::new();
+    for path in outputs.into_iter().flatten().filter(|path| path.as_os_str() != "-") {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).canonicalize().unwrap_or_default();
+        let file = path.canonicalize().unwrap_or(folder.join(path.file_name().unwrap_or_default()));
+        // A device takes what it gets.
+        let is_file = file.metadata().map_or(true, |metadata| metadata.is_file());
+        ensure!(
+            !is_file || !taken.contains(&file),
+            "{}: two outputs are to go there; give each a file of its own",
+            path.display()
+        );
+        taken.push(file);
+    }
+    Ok(())
 }
 
 /// Where another of the tools is: beside this one, where it was built or installed with it, else on PATH.

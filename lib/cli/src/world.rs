@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use gl_inference::observations::ByName;
 use gl_inference::samples::Samples;
@@ -45,14 +45,6 @@ pub struct Shell {
     /// Name of its control column, if not the simulator's own
     #[arg(short, long, value_name = "NAME", requires = "observations")]
     control: Option<String>,
-}
-
-/// A number of steps: 1 or more.
-///
-/// # Errors
-/// If it is none.
-pub fn steps(text: &str) -> Result<usize> {
-    text.parse().ok().filter(|&steps| steps > 0).with_context(|| format!("{text:?} is not a number above 0"))
 }
 
 impl Shell {

@@ -72,6 +72,11 @@ impl Cholesky {
         self.jitter
     }
 
+    /// L.
+    pub fn lower(&self) -> &Square {
+        &self.lower
+    }
+
     /// ln |A|.
     pub fn ln_determinant(&self) -> f64 {
         2.0 * (0..self.lower.n()).map(|i| self.lower.row(i)[i].ln()).sum::<f64>()

@@ -1,14 +1,14 @@
 //! A Gaussian process with a mean function estimated by generalised least squares.
 //!
-//! y = H β + f + ε, with f a Gaussian process of covariance s² R, R the Matérn-5/2 correlation with a
-//! length an input, and ε independent of variance s² η: the scatter of the simulation itself. β is
+//! y = H β + f + ε, with f a Gaussian process of covariance s² R, R the correlation of a [`Kernel`]
+//! with a length an input, and ε independent of variance s² η: the scatter of the simulation itself. β is
 //! integrated over a flat prior (restricted likelihood, Harville 1974), s² is estimated.
 
 use anyhow::Result;
 
 use super::cholesky::{Cholesky, Square, dot, upper_times_transpose};
 use super::kernel::ScaledPoints;
-pub use super::points::{Mean, Points};
+pub use super::points::{Kernel, Mean, Points};
 
 /// What training finds.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +39,7 @@ struct Factors {
 impl Factors {
     fn new(points: &Points, lengths: &[f64], nugget_ratio: f64, with_slopes: bool) -> Result<Self> {
         let n = points.n;
-        let scaled = ScaledPoints::new(&points.inputs, lengths);
+        let scaled = ScaledPoints::new(points.kernel, &points.inputs, lengths);
         let mut a = Square::zeros(n);
         let mut slopes = Square::zeros(if with_slopes { n } else { 0 });
         for i in 0..n {
@@ -177,6 +177,14 @@ pub struct Gp {
     left_out: LeftOut,
 }
 
+/// A point as the covariance of a process sees it; see [`Gp::place`].
+#[derive(Clone, Debug)]
+pub struct Place {
+    at: Vec<f64>,
+    whitened: Vec<f64>,
+    terms: Vec<f64>,
+}
+
 /// Leave-one-out predictions of each reading from all the others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeftOut {
@@ -273,6 +281,23 @@ impl Gp {
         (self.mean_from(x, &k), gradient)
     }
 
+    /// What the covariance of the process at a point with that at others needs.
+    pub fn place(&self, x: &[f64]) -> Place {
+        let at = self.scale(x);
+        let mut k = vec![0.0; self.points.n];
+        self.scaled.correlate(&at, &mut k, None);
+        let whitened = lower_times(&self.lower_inverse, &k);
+        let terms = self.unexplained_terms(x, &whitened);
+        Place { at, whitened, terms }
+    }
+
+    /// Covariance of the process at two points, given the readings.
+    pub fn covariance(&self, a: &Place, b: &Place) -> f64 {
+        self.variance
+            * (self.scaled.correlation(&a.at, &b.at) - dot(&a.whitened, &b.whitened)
+                + dot(&a.terms, &b.terms))
+    }
+
     fn scale(&self, x: &[f64]) -> Vec<f64> {
         x.iter().zip(&self.lengths).map(|(x, length)| x / length).collect()
     }
@@ -289,12 +314,18 @@ impl Gp {
 
     fn variance_from(&self, x: &[f64], k: &[f64]) -> f64 {
         let v = lower_times(&self.lower_inverse, k);
+        let rest = self.unexplained_terms(x, &v);
+        self.variance * (1.0 - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
+    }
+
+    /// What the readings leave open of the mean function at a point, whitened; `v` is L⁻¹ k.
+    fn unexplained_terms(&self, x: &[f64], v: &[f64]) -> Vec<f64> {
         let mut rest = self.points.terms_at(x);
-        rest.iter_mut().zip(&self.terms).for_each(|(h, term)| *h -= dot(term, &v));
+        rest.iter_mut().zip(&self.terms).for_each(|(h, term)| *h -= dot(term, v));
         if let Some(information) = &self.information {
             information.solve_lower(&mut rest);
         }
-        self.variance * (1.0 - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
+        rest
     }
 }
 
@@ -373,8 +404,10 @@ mod tests {
     #[test]
     fn the_gradient_is_the_difference_quotient_of_the_likelihood() {
         let (rows, y) = example(25);
-        for mean in [Mean::Zero, Mean::Constant, Mean::Linear] {
-            let points = Points::new(&rows, mean).unwrap();
+        for (mean, kernel) in
+            [(Mean::Zero, Kernel::Matern), (Mean::Constant, Kernel::Gaussian), (Mean::Linear, Kernel::Matern)]
+        {
+            let points = Points::new(&rows, mean).unwrap().with_kernel(kernel);
             for variance in [None, Some(0.7)] {
                 let (_, gradient) = ln_likelihood(&points, &y, &hyper(variance)).unwrap();
                 for (q, derivative) in gradient.iter().enumerate() {
@@ -389,6 +422,22 @@ mod tests {
                     near(*derivative, (at(1e-5) - at(-1e-5)) / 2e-5, 1e-6);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn another_reading_lowers_the_variance_by_the_covariance_with_it() {
+        let (rows, y) = example(20);
+        for kernel in [Kernel::Matern, Kernel::Gaussian] {
+            let points = |n: usize| Points::new(&rows[..n], Mean::Linear).unwrap().with_kernel(kernel);
+            let before = Gp::new(&points(19), &y[..19], &hyper(Some(1.3))).unwrap();
+            let after = Gp::new(&points(20), &y, &hyper(Some(1.3))).unwrap();
+            let (at, new) = (vec![0.2, 0.4, 0.9], &rows[19]);
+            let (a, b) = (before.place(&at), before.place(new));
+            near(before.covariance(&a, &a), before.predict(&at).1, 1e-12);
+            let covariance = before.covariance(&a, &b);
+            let reading = before.covariance(&b, &b) + before.nugget();
+            near(after.predict(&at).1, before.predict(&at).1 - covariance * covariance / reading, 1e-10);
         }
     }
 

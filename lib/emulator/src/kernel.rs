@@ -1,16 +1,39 @@
-//! The Matérn-5/2 correlation with a length an input.
+//! Correlations with a length an input: Matérn-5/2, or Gaussian for what is smoother.
+
+/// How a process correlates with itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// k = (1 + √5 r + 5/3 r²) exp(−√5 r): two derivatives.
+    #[default]
+    Matern,
+    /// k = exp(−r²/2): all derivatives.
+    Gaussian,
+}
 
 /// Points in input-major order, each input divided by its length: shape (inputs, points).
 #[derive(Clone, Debug, Default)]
 pub struct ScaledPoints {
+    kernel: Kernel,
     inputs: Vec<Vec<f64>>,
 }
 
 impl ScaledPoints {
     /// Divide each input, shape (inputs, points), by its length, shape (inputs,).
-    pub fn new(inputs: &[Vec<f64>], lengths: &[f64]) -> Self {
+    pub fn new(kernel: Kernel, inputs: &[Vec<f64>], lengths: &[f64]) -> Self {
         let scaled = |(input, length): (&Vec<f64>, &f64)| input.iter().map(|x| x / length).collect();
-        Self { inputs: inputs.iter().zip(lengths).map(scaled).collect() }
+        Self { kernel, inputs: inputs.iter().zip(lengths).map(scaled).collect() }
+    }
+
+    /// Correlation of two points that are scaled alike, each of shape (inputs,).
+    pub fn correlation(&self, a: &[f64], b: &[f64]) -> f64 {
+        let square: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
+        match self.kernel {
+            Kernel::Matern => {
+                let r = (5.0 * square).sqrt();
+                (1.0 + r + r * r / 3.0) * exp_below_zero(-r)
+            }
+            Kernel::Gaussian => exp_below_zero(-0.5 * square),
+        }
     }
 
     /// A point, shape (inputs,).
@@ -26,7 +49,7 @@ impl ScaledPoints {
     /// Correlations of the first points with a point that is scaled alike, and where `slope` is
     /// given, −2 times their derivatives by the squared distance r².
     ///
-    /// k = (1 + √5 r + 5/3 r²) exp(−√5 r), and −2 dk/dr² = 5/3 (1 + √5 r) exp(−√5 r).
+    /// These are 5/3 (1 + √5 r) exp(−√5 r) for Matérn-5/2 and exp(−r²/2) for the Gaussian.
     pub fn correlate(&self, at: &[f64], k: &mut [f64], slope: Option<&mut [f64]>) {
         k.fill(0.0);
         for (input, &at) in self.inputs.iter().zip(at) {
@@ -35,14 +58,20 @@ impl ScaledPoints {
                 *sum += difference * difference;
             }
         }
-        match slope {
-            None => {
+        match (self.kernel, slope) {
+            (Kernel::Gaussian, slope) => {
+                k.iter_mut().for_each(|k| *k = exp_below_zero(-0.5 * *k));
+                if let Some(slope) = slope {
+                    slope.copy_from_slice(&k[..slope.len()]);
+                }
+            }
+            (Kernel::Matern, None) => {
                 for k in k {
                     let r = (5.0 * *k).sqrt();
                     *k = (1.0 + r + r * r / 3.0) * exp_below_zero(-r);
                 }
             }
-            Some(slope) => {
+            (Kernel::Matern, Some(slope)) => {
                 for (k, slope) in k.iter_mut().zip(slope) {
                     let r = (5.0 * *k).sqrt();
                     let decay = exp_below_zero(-r);

@@ -15,6 +15,7 @@ mod inputs;
 mod kernel;
 mod minimise;
 mod points;
+pub mod posterior;
 pub mod table;
 #[cfg(test)]
 mod tests;
@@ -31,22 +32,28 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::{Prior, normal_quantile};
 use gl_inference::samples::Samples;
 use gl_progress::stage;
-use gp::{Gp, Mean, Points};
+use gp::{Gp, Kernel, Mean, Points};
 use inputs::Inputs;
 pub use inputs::Reach;
-use train::{Search, train};
+use train::{SHORT_LENGTH, Search, train};
 
 /// What may be chosen about an emulator.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Standard deviation of the measurement's noise, shape (observables, steps). What the components
-    /// leave over stays below a tenth of it; below 1e-6 of the variance if absent.
+    /// Standard deviation of the measurement's noise, shape (observables, steps).
     pub noise: Option<Vec<Vec<f64>>>,
     /// Components at most.
     pub max_components: usize,
+    /// Variance that the components may leave over, as a share of the noise's, or of the runs' where there is
+    /// no noise; 0.01 and 1e-6 if absent.
+    pub leftover: Option<f64>,
     /// Mean function; linear if absent and there are at least three runs for each of its terms, else
     /// constant.
     pub mean: Option<Mean>,
+    /// Correlation of the processes.
+    pub kernel: Kernel,
+    /// Lengths, in ranges of the runs, below which there must be good reason to believe in them.
+    pub short_length: f64,
     /// Number of places that the search for the lengths starts from.
     pub starts: usize,
     /// Seed of those places.
@@ -55,7 +62,16 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: None, max_components: 15, mean: None, starts: 4, seed: 0 }
+        Self {
+            noise: None,
+            max_components: 15,
+            leftover: None,
+            mean: None,
+            kernel: Kernel::default(),
+            short_length: SHORT_LENGTH,
+            starts: 4,
+            seed: 0,
+        }
     }
 }
 
@@ -150,21 +166,27 @@ impl Emulator {
                     scale.len() == m * steps && scale.iter().all(|&sd| sd > 0.0),
                     "the noise of an emulator is not positive, or not that of {m} observables at {steps} steps"
                 );
-                (scale, Enough { leftover: 0.01, share: 1e-12, most: options.max_components })
+                let leftover = options.leftover.unwrap_or(0.01);
+                (scale, Enough { leftover, share: 1e-12, most: options.max_components })
             }
             None => {
                 let ranges = (0..m).map(|j| range_of(&curves, j, steps));
                 let scale =
                     ranges.flat_map(|range| vec![if range > 0.0 { range } else { 1.0 }; steps]).collect();
-                (scale, Enough { leftover: 0.0, share: 1e-6, most: options.max_components })
+                let share = options.leftover.unwrap_or(1e-6);
+                (scale, Enough { leftover: 0.0, share, most: options.max_components })
             }
         };
         let components = Components::new(&curves, &scale, enough)?;
 
         let rows: Vec<Vec<f64>> = coordinates.iter().map(|run| inputs.at(run)).collect();
         let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
-        let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts };
-        let points = Points::new(&rows, search.mean)?;
+        let search = Search {
+            mean: options.mean.unwrap_or(default_mean),
+            starts: options.starts,
+            short_length: options.short_length,
+        };
+        let points = Points::new(&rows, search.mean)?.with_kernel(options.kernel);
         let stage = stage("training the emulator", components.basis.ncols());
         let processes = (0..components.basis.ncols())
             .into_par_iter()
@@ -265,6 +287,28 @@ impl Emulator {
     pub fn predict_scores(&self, coordinates: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let x = self.inputs.at(coordinates);
         self.processes.iter().map(|process| process.predict(&x)).unzip()
+    }
+
+    /// What covariances of the scores at coordinates, shape (parameters,), with those at others need, one
+    /// place a component; see [`Gp::place`].
+    pub fn places(&self, coordinates: &[f64]) -> Vec<gp::Place> {
+        let x = self.inputs.at(coordinates);
+        self.processes.iter().map(|process| process.place(&x)).collect()
+    }
+
+    /// Correlation of the scores' errors, shape (components, components).
+    pub fn correlation(&self) -> &DMatrix<f64> {
+        &self.correlation
+    }
+
+    /// Scores of the runs, shape (runs, components), in the order of [`Emulator::runs`].
+    pub fn scores(&self) -> &DMatrix<f64> {
+        &self.components.scores
+    }
+
+    /// The runs' curves, shape (runs, outputs), in the order of [`Emulator::runs`].
+    pub fn curves_of_runs(&self) -> &DMatrix<f64> {
+        &self.curves
     }
 
     /// Mean of each score, shape (components,), and its derivatives by the coordinates, shape

@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 
 use super::cholesky::dot;
+pub use super::kernel::Kernel;
 
 /// The mean function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +27,7 @@ pub struct Points {
     /// The mean function's terms at the points, shape (terms, points).
     pub(super) terms: Vec<Vec<f64>>,
     pub(super) n: usize,
+    pub(super) kernel: Kernel,
 }
 
 impl Points {
@@ -69,7 +71,12 @@ impl Points {
             terms.len(),
             terms.len() + 2
         );
-        Ok(Self { inputs, sloped, has_constant, terms, n })
+        Ok(Self { inputs, sloped, has_constant, terms, n, kernel: Kernel::default() })
+    }
+
+    /// The same points, correlated by this kernel; Matérn-5/2 where none is chosen.
+    pub fn with_kernel(self, kernel: Kernel) -> Self {
+        Self { kernel, ..self }
     }
 
     /// Number of points.

@@ -16,7 +16,7 @@ const NUGGET_RATIOS: (f64, f64) = (1e-8, 1e4);
 
 /// Lengths shorter than this are believed only with good reason: the prior is exp(−this/length),
 /// flat towards long lengths, so that irrelevant inputs get long ones.
-const SHORT_LENGTH: f64 = 0.1;
+pub const SHORT_LENGTH: f64 = 0.1;
 
 /// Points that the search from many places is done on; its cost grows with their cube.
 const FIRST_POINTS: usize = 100;
@@ -31,6 +31,8 @@ pub struct Search {
     pub mean: Mean,
     /// Number of places that the search starts from.
     pub starts: usize,
+    /// Lengths shorter than this are believed only with good reason.
+    pub short_length: f64,
 }
 
 /// Train a Gaussian process: the highest marginal likelihood, times a prior against short lengths.
@@ -72,32 +74,35 @@ pub fn train(
     let fine = Stop { iterations: 100, decrease: 1e-3 };
     let some = |count: usize| -> Result<(Points, Vec<f64>)> {
         let some_rows: Vec<Vec<f64>> = order[..count].iter().map(|&i| rows[i].clone()).collect();
-        Ok((Points::new(&some_rows, search.mean)?, order[..count].iter().map(|&i| y[i]).collect()))
+        let some = Points::new(&some_rows, search.mean)?.with_kernel(points.kernel);
+        Ok((some, order[..count].iter().map(|&i| y[i]).collect()))
     };
     if points.len() > FIRST_POINTS {
         let (some, y) = some(FIRST_POINTS)?;
-        starts = vec![best(&some, &y, &starts, &bounds, coarse)?];
+        starts = vec![best((&some, &y), &starts, &bounds, coarse, search)?];
     }
     let theta = if points.len() > MOST_POINTS {
         let (some, y) = some(MOST_POINTS)?;
-        best(&some, &y, &starts, &bounds, fine)?
+        best((&some, &y), &starts, &bounds, fine, search)?
     } else {
-        best(points, y, &starts, &bounds, fine)?
+        best((points, y), &starts, &bounds, fine, search)?
     };
     Gp::new(points, y, &hyperparameters(&theta))
 }
 
 /// The best outcome of a search from each start.
 fn best(
-    points: &Points,
-    y: &[f64],
+    (points, y): (&Points, &[f64]),
     starts: &[Vec<f64>],
     bounds: &[(f64, f64)],
     stop: Stop,
+    search: Search,
 ) -> Result<Vec<f64>> {
     starts
         .iter()
-        .filter_map(|start| minimise(|theta| objective(points, y, theta), start, bounds, stop))
+        .filter_map(|start| {
+            minimise(|theta| objective(points, y, theta, search.short_length), start, bounds, stop)
+        })
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(theta, _)| theta)
         .context("no correlation lengths give a covariance with a Cholesky factor")
@@ -110,14 +115,14 @@ fn hyperparameters(theta: &[f64]) -> Hyperparameters {
 }
 
 /// Minus the logarithm of likelihood times prior, and its gradient.
-fn objective(points: &Points, y: &[f64], theta: &[f64]) -> Option<(f64, Vec<f64>)> {
+fn objective(points: &Points, y: &[f64], theta: &[f64], short: f64) -> Option<(f64, Vec<f64>)> {
     let hyper = hyperparameters(theta);
     let (value, gradient) = ln_likelihood(points, y, &hyper).ok()?;
     let mut value = -value;
     let mut gradient: Vec<f64> = gradient.iter().map(|g| -g).collect();
     for (g, length) in gradient.iter_mut().zip(&hyper.lengths) {
-        value += SHORT_LENGTH / length;
-        *g -= SHORT_LENGTH / length;
+        value += short / length;
+        *g -= short / length;
     }
     value.is_finite().then_some((value, gradient))
 }

@@ -43,3 +43,4 @@ pub mod self_check;
 mod synthetic_world;
 pub mod verdict;
 pub mod visible;
+pub mod winner;

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
-use gl_numeric::statistics::mean;
+use gl_numeric::statistics::{effective_size, mean};
 
 /// How far the truth may lie from the posterior mean, as a covariance of all readings.
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ pub fn gap(observations: &Observations, ensemble: &Ensemble, weights: &[f64]) ->
 ///   so that what another run would have fitted is not taken for a gap.
 /// * `noise_sd` — shape (observables, steps), all above zero; what is far below it is left out.
 pub fn spread(ensemble: &Ensemble, weights: &[f64], parameters: usize, noise_sd: &[Vec<f64>]) -> Spread {
-    let resting_on = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+    let resting_on = effective_size(weights);
     let (runs, shares) = thinned(&tempered(weights, (2 * parameters + 2) as f64));
     let steps = ensemble.steps();
     let n = steps * ensemble.observables.len();
@@ -146,7 +146,7 @@ pub(super) fn tempered(weights: &[f64], at_least: f64) -> Vec<f64> {
         let sum: f64 = raised.iter().sum();
         raised.into_iter().map(|w| w / sum).collect()
     };
-    let effective = |weights: &[f64]| 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+    let effective = effective_size;
     if effective(&powered(1.0)) >= at_least {
         return powered(1.0);
     }
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn tempering_keeps_as_many_runs_effective_as_asked() {
         let weights = tempered(&[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0], 3.0);
-        let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+        let effective = effective_size(weights);
         assert!((effective - 3.0).abs() < 1e-9, "{effective}");
         assert_eq!(tempered(&[0.5, 0.5, 0.0], 3.0), [0.5, 0.5, 0.0]);
         assert_eq!(tempered(&[0.25; 4], 3.0), [0.25; 4]);

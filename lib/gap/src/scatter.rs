@@ -6,6 +6,7 @@ use super::hat::Hat;
 use super::residual::systematic;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::weights::Weights;
+use gl_numeric::statistics::effective_size;
 
 /// How many runs stand for the posterior, repeated as their weights say.
 const RUNS: usize = 300;
@@ -35,7 +36,7 @@ pub(super) fn scatter(
     noise_sd: &[Vec<f64>],
 ) -> Scatter {
     let (observables, steps) = (ensemble.observables.len(), ensemble.steps());
-    let effective = 1.0 / of_runs.iter().map(|w| w * w).sum::<f64>();
+    let effective = effective_size(&of_runs);
     let taken = (weights.varying() + 1) as f64;
     if effective < 2.0 * taken {
         return Scatter::default();

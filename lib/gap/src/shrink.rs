@@ -12,6 +12,7 @@ use super::scatter::{Scatter, scatter};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::weights::Weights;
+use gl_numeric::statistics::effective_size;
 use gl_table::verdict::Verdicts;
 
 /// Runs and what a filter made of them.
@@ -107,7 +108,7 @@ pub fn shrink(
     }
     let doubts =
         [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
-            let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+            let effective = effective_size(weights);
             let mut doubt = spread(ensemble, weights, 0, &sd).directions;
             doubt.iter_mut().flatten().for_each(|d| *d /= effective.sqrt());
             doubt

@@ -28,6 +28,21 @@ pub fn auto_count(dimensions: usize) -> usize {
     ((10.0 * d * d.ln()).ceil() as usize).max(10)
 }
 
+/// Runs of the first design of a calibration through an emulator, for so many parameters.
+pub fn first_runs(parameters: usize) -> usize {
+    (5 * parameters).max(8)
+}
+
+/// Runs of a batch after it, for so many parameters.
+pub fn batch_runs(parameters: usize) -> usize {
+    match parameters {
+        0..=2 => 4,
+        3..=4 => 6,
+        5..=6 => 8,
+        _ => 12,
+    }
+}
+
 /// Positions of the parameters that vary in a design.
 ///
 /// # Errors

@@ -183,6 +183,61 @@ impl Ensemble {
         }
     }
 
+    /// Some of the runs, at the steps of a range.
+    ///
+    /// * `runs` — their places.
+    pub fn part(&self, runs: &[usize], steps: std::ops::Range<usize>) -> Self {
+        let mut part = Self {
+            source: self.source.clone(),
+            control_name: self.control_name.clone(),
+            control: self.control[steps.clone()].to_vec(),
+            observables: self.observables.clone(),
+            samples: Vec::with_capacity(runs.len()),
+            values: Vec::new(),
+            sd: None,
+        };
+        for &run in runs {
+            let curves: Vec<Vec<f64>> =
+                (0..self.observables.len()).map(|j| self.curve(run, j)[steps.clone()].to_vec()).collect();
+            part.push(&self.samples[run], &curves, None);
+        }
+        part
+    }
+
+    /// Put the runs of several ensembles behind each other.
+    ///
+    /// # Errors
+    /// If they have other steps or observables than the first, or share a run.
+    pub fn concatenate(ensembles: Vec<Self>) -> Result<Self> {
+        let mut ensembles = ensembles.into_iter();
+        let Some(mut all) = ensembles.next() else { bail!("no ensemble") };
+        for other in ensembles {
+            if other.is_empty() {
+                continue;
+            }
+            if all.is_empty() {
+                all = other;
+                continue;
+            }
+            ensure!(
+                other.control == all.control && other.observables == all.observables,
+                "{}: other steps or observables than {}; collect the runs with the same measurement",
+                other.source,
+                all.source
+            );
+            let known = all.index();
+            if let Some(name) = other.samples.iter().find(|name| known.contains_key(name.as_str())) {
+                bail!("{}: the run {name} is in {} already", other.source, all.source);
+            }
+            all.samples.extend(other.samples);
+            all.values.extend(other.values);
+            if let (Some(sd), Some(more)) = (&mut all.sd, other.sd) {
+                sd.extend(more);
+            }
+        }
+        Ok(all)
+    }
+
     /// Number of runs.
     pub fn len(&self) -> usize {
         self.samples.len()

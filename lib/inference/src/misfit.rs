@@ -115,13 +115,30 @@ pub struct RunMisfit {
     pub ignorance: f64,
 }
 
+impl RunMisfit {
+    /// Whether all of it is finite, in sum too.
+    fn is_finite(&self) -> bool {
+        let sums =
+            [self.misfit.iter().sum(), self.error.iter().sum(), self.readings, self.expected, self.ignorance];
+        sums.iter().all(|sum: &f64| sum.is_finite())
+    }
+}
+
 impl<'a> Comparison<'a> {
     /// Compare at some of the steps of a measurement.
     ///
     /// # Errors
-    /// If the measurement has none of these steps.
+    /// If the measurement has none of these steps, or a variance is beyond what a number can say.
     pub fn new(observations: &'a Observations, covariance: Covariance, steps: Steps) -> Result<Self> {
         let steps = steps.within(observations.steps())?;
+        for (name, variance) in observations.names.iter().zip(&covariance.variance) {
+            ensure!(
+                variance.iter().all(|variance| variance.is_normal() && *variance > 0.0),
+                "{}: the variance of {name} is beyond what a number can say; are its values, the noise and \
+                 --sigma of a sensible size?",
+                observations.source
+            );
+        }
         let ranges = observations
             .values
             .iter()

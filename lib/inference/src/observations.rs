@@ -29,9 +29,11 @@ impl Observations {
     /// Read the control and the named observables, with their `_sd` columns where there are any.
     ///
     /// # Errors
-    /// If the table cannot be read, has no rows, lacks a column, or holds a negative noise.
+    /// If the table cannot be read or is cut off, has no rows, lacks a column, or holds a negative noise.
     pub fn read(path: &Path, control: &str, observables: &[String]) -> Result<Self> {
-        Self::from_table(&Table::read(path)?, control, observables)
+        let table = Table::read(path)?;
+        table.check_end()?;
+        Self::from_table(&table, control, observables)
     }
 
     /// The observations from a table that was read already; see [`Observations::read`].
@@ -73,6 +75,17 @@ impl Observations {
     /// Number of steps.
     pub fn steps(&self) -> usize {
         self.control.len()
+    }
+
+    /// The measurement at the steps of a range.
+    pub fn part(&self, steps: std::ops::Range<usize>) -> Self {
+        let cut = |values: &Vec<f64>| values[steps.clone()].to_vec();
+        Self {
+            control: cut(&self.control),
+            values: self.values.iter().map(cut).collect(),
+            sd: self.sd.iter().map(|sd| sd.as_ref().map(cut)).collect(),
+            ..self.clone()
+        }
     }
 
     /// Range of each observable over all steps, shape (observables,).
@@ -186,8 +199,14 @@ impl Steps {
     /// The part of the range that `steps` steps have.
     ///
     /// # Errors
-    /// If there is none.
+    /// If there is none, or the range names an end beyond them.
     pub fn within(self, steps: usize) -> Result<std::ops::Range<usize>> {
+        ensure!(
+            self.to == usize::MAX || self.to <= steps,
+            "--steps {}:{}: the measurement has {steps} steps; end at {steps} or leave the end out",
+            self.from,
+            self.to
+        );
         let range = self.from..self.to.min(steps);
         ensure!(
             !range.is_empty(),

@@ -4,10 +4,12 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
-
 use gl_numeric::normal::Truncated;
 pub use gl_numeric::normal::{normal_cdf, normal_quantile};
-use gl_table::Table;
+use gl_table::{Table, TableWriter, push_number};
+use serde::Deserialize;
+
+use crate::samples::check_parameter_name;
 
 /// How a parameter is spread between its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +18,24 @@ pub enum Scale {
     Linear,
     /// Evenly in the natural logarithm of the value.
     Log,
+}
+
+impl Scale {
+    /// A value on this scale: its natural logarithm for [`Scale::Log`].
+    pub fn forward(self, value: f64) -> f64 {
+        match self {
+            Self::Linear => value,
+            Self::Log => value.ln(),
+        }
+    }
+
+    /// The value at a place on this scale.
+    pub fn back(self, place: f64) -> f64 {
+        match self {
+            Self::Linear => place,
+            Self::Log => place.exp(),
+        }
+    }
 }
 
 /// One parameter: its bounds, its prior, and the effect it belongs to.
@@ -58,23 +78,88 @@ pub struct Effect {
     pub parameters: Vec<usize>,
 }
 
-const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
+/// One row of a `params.txt`, as it is written.
+#[derive(Deserialize)]
+struct Row {
+    name: String,
+    lower: f64,
+    upper: f64,
+    scale: Option<String>,
+    mean: Option<f64>,
+    sd: Option<f64>,
+    effect: Option<String>,
+    off: Option<f64>,
+    unit: Option<String>,
+}
 
-/// Column names that tables use for themselves.
-const RESERVED: [&str; 12] = [
-    "description",
-    "key",
-    "sample",
-    "step",
-    "misfit",
-    "error",
-    "weight",
-    "readings",
-    "quantity",
-    "value",
-    "sigma",
-    "ess",
-];
+impl Row {
+    /// The parameter, or the column that is wrong and what is.
+    fn parameter(self) -> Result<Parameter, (&'static str, String)> {
+        check_parameter_name(&self.name).map_err(|problem| ("name", problem))?;
+        let (scale, normal) = (self.scale()?, self.normal()?);
+        let Self { name, lower, upper, effect, off, unit, .. } = self;
+        if let Some(effect) = &effect {
+            check_effect_name(effect).map_err(|problem| ("effect", problem))?;
+            if off.is_none() {
+                return Err((
+                    "off",
+                    format!("give the value of {name} at which the effect {effect} is absent"),
+                ));
+            }
+        }
+        let off = effect.as_ref().and(off);
+        let parameter = Parameter { name, lower, upper, scale, normal, effect, off, unit };
+        if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
+            let name = parameter.name;
+            return Err((
+                "mean",
+                format!(
+                    "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
+                ),
+            ));
+        }
+        Ok(parameter)
+    }
+
+    fn scale(&self) -> Result<Scale, (&'static str, String)> {
+        let Self { name, lower, upper, .. } = self;
+        let scale = match self.scale.as_deref() {
+            None | Some("linear") => Scale::Linear,
+            Some("log") => Scale::Log,
+            Some(other) => return Err(("scale", format!("{other:?} is neither linear nor log"))),
+        };
+        if lower >= upper {
+            return Err(("upper", format!("{upper} is not above the lower bound {lower} of {name}")));
+        }
+        if !(upper - lower).is_finite() {
+            return Err((
+                "upper",
+                format!(
+                    "{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"
+                ),
+            ));
+        }
+        if scale == Scale::Log && *lower <= 0.0 {
+            return Err((
+                "lower",
+                format!("{lower}, but on a log scale the bounds of {name} must be positive"),
+            ));
+        }
+        Ok(scale)
+    }
+
+    fn normal(&self) -> Result<Option<(f64, f64)>, (&'static str, String)> {
+        match (self.mean, self.sd) {
+            (None, None) => Ok(None),
+            (Some(mean), Some(sd)) if sd > 0.0 => Ok(Some((mean, sd))),
+            (Some(_), Some(sd)) => Err(("sd", format!("{sd} is not positive"))),
+            (Some(_), None) => Err(("sd", format!("{} has a mean but no sd", self.name))),
+            (None, Some(_)) => Err(("mean", format!("{} has an sd but no mean", self.name))),
+        }
+    }
+}
+
+const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
 
 impl Prior {
     /// A value of each parameter with every effect off; those of the base stand at their lower bound.
@@ -105,91 +190,17 @@ impl Prior {
                 COLUMNS.join(", ")
             );
         }
-        let name_column = table.format().column("name")?;
-        let (lower_column, upper_column) = (table.format().column("lower")?, table.format().column("upper")?);
-        let text = |row: usize, column: &str| -> Result<Option<String>> {
-            let field = table.format().find(column)?.map(|column| table.field(row, column));
-            Ok(field.filter(|field| !matches!(*field, "-" | "")).map(str::to_owned))
-        };
-        let number = |row: usize, column: &str| -> Result<Option<f64>> {
-            let present = text(row, column)?.is_some();
-            let place = table.format().find(column)?.filter(|_| present);
-            place.map(|place| table.number(row, place)).transpose()
-        };
-        ensure!(!table.is_empty(), "{source}: no parameters; add a row for each that may vary");
-
+        let rows: Vec<Row> = table.rows()?;
+        ensure!(!rows.is_empty(), "{source}: no parameters; add a row for each that may vary");
         let mut parameters: Vec<Parameter> = Vec::new();
-        for row in 0..table.len() {
-            let name = table.field(row, name_column);
-            if let Err(problem) = check_parameter_name(name) {
-                return table.fail(row, "name", problem);
+        for (place, row) in rows.into_iter().enumerate() {
+            if parameters.iter().any(|parameter| parameter.name == row.name) {
+                return table.fail(place, "name", format_args!("duplicate {}", row.name));
             }
-            if parameters.iter().any(|parameter| parameter.name == name) {
-                return table.fail(row, "name", format_args!("{name} is there twice"));
+            match row.parameter() {
+                Ok(parameter) => parameters.push(parameter),
+                Err((column, problem)) => return table.fail(place, column, problem),
             }
-            let lower = table.number(row, lower_column)?;
-            let upper = table.number(row, upper_column)?;
-            let scale = match text(row, "scale")?.as_deref() {
-                None | Some("linear") => Scale::Linear,
-                Some("log") => Scale::Log,
-                Some(other) => {
-                    return table.fail(row, "scale", format_args!("{other:?} is neither linear nor log"));
-                }
-            };
-            if lower >= upper {
-                return table.fail(
-                    row,
-                    "upper",
-                    format_args!("{upper} is not above the lower bound {lower} of {name}"),
-                );
-            }
-            if !(upper - lower).is_finite() {
-                return table.fail(
-                    row,
-                    "upper",
-                    format_args!("{upper:e} lies further from {lower:e} than a number can say; bring the bounds of {name} closer"),
-                );
-            }
-            if scale == Scale::Log && lower <= 0.0 {
-                return table.fail(
-                    row,
-                    "lower",
-                    format_args!("{lower}, but on a log scale the bounds of {name} must be positive"),
-                );
-            }
-            let normal = match (number(row, "mean")?, number(row, "sd")?) {
-                (None, None) => None,
-                (Some(mean), Some(sd)) if sd > 0.0 => Some((mean, sd)),
-                (Some(_), Some(sd)) => return table.fail(row, "sd", format_args!("{sd} is not positive")),
-                (Some(_), None) => return table.fail(row, "sd", format_args!("{name} has a mean but no sd")),
-                (None, Some(_)) => {
-                    return table.fail(row, "mean", format_args!("{name} has an sd but no mean"));
-                }
-            };
-            let effect = text(row, "effect")?;
-            let off = number(row, "off")?;
-            if let (Some(effect), None) = (&effect, off) {
-                return table.fail(
-                    row,
-                    "off",
-                    format_args!("give the value of {name} at which the effect {effect} is absent"),
-                );
-            }
-            if let Some(effect) = &effect
-                && let Err(problem) = check_effect_name(effect)
-            {
-                return table.fail(row, "effect", problem);
-            }
-            let off = effect.as_ref().and(off);
-            let unit = text(row, "unit")?;
-            let parameter =
-                Parameter { name: name.to_owned(), lower, upper, scale, normal, effect, off, unit };
-            if parameter.truncated().is_some_and(|truncated| !truncated.ln_mass().is_finite()) {
-                return table.fail(row, "mean", format_args!(
-                    "the bounds of {name} lie so far out in its normal distribution that nothing is left between them"
-                ));
-            }
-            parameters.push(parameter);
         }
         Ok(Self { parameters })
     }
@@ -197,6 +208,39 @@ impl Prior {
     /// The prior of these parameters, which must have been checked.
     pub fn new(parameters: Vec<Parameter>) -> Self {
         Self { parameters }
+    }
+
+    /// Write the table of parameters, with the optional columns that any of them needs.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: Option<&Path>) -> Result<()> {
+        type Text = fn(&Parameter) -> Option<String>;
+        fn text(value: f64) -> String {
+            let mut text = Vec::new();
+            push_number(&mut text, value);
+            String::from_utf8_lossy(&text).into_owned()
+        }
+        let optional: [(&str, Text); 6] = [
+            ("scale", |p| (p.scale == Scale::Log).then(|| p.scale.to_string())),
+            ("mean", |p| p.normal.map(|(mean, _)| text(mean))),
+            ("sd", |p| p.normal.map(|(_, sd)| text(sd))),
+            ("effect", |p| p.effect.clone()),
+            ("off", |p| p.off.map(text)),
+            ("unit", |p| p.unit.clone()),
+        ];
+        let is_needed = |(_, of): &&(&str, Text)| self.parameters.iter().any(|p| of(p).is_some());
+        let optional: Vec<&(&str, Text)> = optional.iter().filter(is_needed).collect();
+        let columns = ["name", "lower", "upper"].into_iter().chain(optional.iter().map(|(name, _)| *name));
+        let mut table = TableWriter::create(path, &columns.collect::<Vec<_>>())?;
+        for parameter in &self.parameters {
+            table.text(&parameter.name).numbers(&[parameter.lower, parameter.upper]);
+            for (_, of) in &optional {
+                table.text(&of(parameter).unwrap_or_default());
+            }
+            table.end_row()?;
+        }
+        table.finish()
     }
 
     /// All parameters, in the order of the table.
@@ -248,16 +292,6 @@ impl Prior {
         }
         Ok(effects.into_iter().filter(|effect| names.contains(&effect.name)).collect())
     }
-}
-
-fn check_parameter_name(name: &str) -> Result<(), String> {
-    if RESERVED.contains(&name) || name.starts_with('!') {
-        return Err(format!("{name} is a name that tables use for themselves; choose another"));
-    }
-    if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
-        return Err(format!("{name:?} is no parameter name; use letters, digits, `_`, `-` and `.`"));
-    }
-    Ok(())
 }
 
 fn check_effect_name(name: &str) -> Result<(), String> {
@@ -332,7 +366,7 @@ impl Parameter {
     }
 
     /// The bounds on the parameter's own scale.
-    fn scaled_bounds(&self) -> (f64, f64) {
+    pub fn scaled_bounds(&self) -> (f64, f64) {
         match self.scale {
             Scale::Linear => (self.lower, self.upper),
             Scale::Log => (self.lower.ln(), self.upper.ln()),

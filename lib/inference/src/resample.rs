@@ -7,7 +7,7 @@ use crate::prior::{Parameter, Prior, normal_quantile};
 use crate::proposal::{Proposal, Support};
 use crate::weights::Weights;
 use gl_numeric::sequence::Halton;
-use gl_numeric::statistics::{mean, sd};
+use gl_numeric::statistics::{effective_size, mean, sd};
 
 /// How samples are drawn from the fitted mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +48,9 @@ pub struct Resampled {
     pub proposal: Proposal,
     /// Whether so few samples had weight that their neighbours had to be taken in.
     pub was_widened: bool,
+    /// Whether a slice was asked for, but so little of it lies inside the bounds that the samples were drawn
+    /// by density.
+    pub was_by_density: bool,
 }
 
 /// Beginnings of the mixture's fit.
@@ -86,9 +89,16 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
     }
     let (shares, was_widened) = enough_samples(&points, &shares);
     let mut proposal = fit(&points, &shares, parameters, how)?;
+    let mut was_by_density = false;
     let drawn = match how.sampling {
         Sampling::Mixture => draw_mixture(&mut proposal, how),
-        Sampling::Slice { deviation } => draw_slice(&mut proposal, &points, &shares, deviation, how),
+        // In many dimensions nearly all of the ellipsoids may lie below the threshold or beyond the bounds.
+        Sampling::Slice { deviation } => {
+            draw_slice(&mut proposal, &points, &shares, deviation, how).or_else(|_| {
+                was_by_density = true;
+                draw_mixture(&mut proposal, how)
+            })
+        }
     }?;
     let values = drawn
         .iter()
@@ -100,7 +110,7 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
             row
         })
         .collect();
-    Ok(Resampled { values, proposal, was_widened })
+    Ok(Resampled { values, proposal, was_widened, was_by_density })
 }
 
 fn columns(weights: &Weights, prior: &Prior) -> Result<Vec<Vec<f64>>> {
@@ -153,7 +163,7 @@ fn least_samples(dimensions: usize) -> usize {
 /// nearest to them are given the same weight.
 fn enough_samples(points: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, bool) {
     let least = least_samples(points[0].len());
-    let ess = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+    let ess = effective_size(weights);
     if ess >= least as f64 - 1e-9 {
         return (weights.to_vec(), false);
     }
@@ -225,16 +235,17 @@ fn draw_until(
     count: usize,
     dimensions: usize,
     seed: u64,
+    most_trials: usize,
     mut attempt: impl FnMut(&[f64]) -> Option<Vec<f64>>,
 ) -> Result<(Vec<Vec<f64>>, f64)> {
-    const MOST_TRIALS: usize = 1 << 24;
     let halton = Halton::new(dimensions, Some(seed));
     let mut drawn = Vec::with_capacity(count);
     let (mut successes, mut trials) = (0_usize, 0_usize);
     while drawn.len() < count || trials < TRIALS {
         ensure!(
-            trials < MOST_TRIALS,
-            "of {MOST_TRIALS} draws from the mixture only {} lie inside the bounds; do the samples?",
+            trials < most_trials,
+            "of {most_trials} draws from the mixture only {} lie inside the bounds: it is too wide for them in so \
+             many dimensions; give more samples, or --covariance diag",
             drawn.len()
         );
         if let Some(z) = attempt(&halton.point(trials as u64)) {
@@ -267,7 +278,7 @@ fn standard_normal(u: &[f64]) -> Vec<f64> {
 fn draw_mixture(proposal: &mut Proposal, how: &Resampling) -> Result<Vec<Vec<f64>>> {
     let d = proposal.parameters().len();
     let (shares, gaussians): (Vec<f64>, Vec<_>) = proposal.components().unzip();
-    let (drawn, ln_mass) = draw_until(how.count, d + 1, how.seed, |u| {
+    let (drawn, ln_mass) = draw_until(how.count, d + 1, how.seed, 1 << 24, |u| {
         let z = gaussians[pick(&shares, u[d])].point(&standard_normal(&u[..d]));
         in_cube(&z).then_some(z)
     })?;
@@ -300,10 +311,7 @@ fn draw_slice(
             (squared_radius > 0.0).then_some((gaussian, squared_radius))
         })
         .collect();
-    ensure!(
-        !ellipsoids.is_empty(),
-        "the mixture is nowhere above the threshold of the slice; lower --deviation"
-    );
+    ensure!(!ellipsoids.is_empty(), "the mixture is nowhere above the threshold of the slice");
     let ln_ball =
         0.5 * d as f64 * std::f64::consts::PI.ln() - statrs::function::gamma::ln_gamma(0.5 * d as f64 + 1.0);
     let ln_volumes: Vec<f64> = ellipsoids
@@ -316,7 +324,7 @@ fn draw_slice(
     let ln_total = gl_numeric::statistics::ln_sum_exp(&ln_volumes);
     let volumes: Vec<f64> = ln_volumes.iter().map(|ln_volume| (ln_volume - ln_total).exp()).collect();
     let mut scratch = vec![0.0; d];
-    let (drawn, ln_share) = draw_until(how.count, d + 3, how.seed, |u| {
+    let (drawn, ln_share) = draw_until(how.count, d + 3, how.seed, (1 << 18) + 100 * how.count, |u| {
         let (gaussian, squared_radius) = ellipsoids[pick(&volumes, u[d])];
         let direction = standard_normal(&u[..d]);
         let length = direction.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);

@@ -46,6 +46,9 @@ impl Samples {
         let parameters: Vec<String> = columns.iter().map(|&j| table.format().columns()[j].clone()).collect();
         for name in &parameters {
             table.format().column(name)?;
+            if let Err(problem) = check_parameter_name(name) {
+                bail!("{}:1: column {name}: {problem}", table.format().source());
+            }
         }
         let mut seen = HashMap::new();
         let mut names = Vec::with_capacity(table.len());
@@ -155,20 +158,103 @@ pub fn sample_names(name: &str, iteration: usize, count: usize) -> Result<Vec<St
         bail!("--name {problem}");
     }
     let width = count.saturating_sub(1).to_string().len();
-    Ok((0..count).map(|j| format!("{name}_Iter{iteration}_Sample{j:0width$}")).collect())
+    let names: Vec<_> = (0..count).map(|j| format!("{name}_Iter{iteration}_Sample{j:0width$}")).collect();
+    // All are as long as each other.
+    match names.first().map(|name| check_description(name)) {
+        Some(Err(problem)) => bail!("--name {problem}"),
+        _ => Ok(names),
+    }
 }
 
-/// Refuse a description that could leave its folder, or mean something to a shell.
+/// What a description has at the most, so that the names of a run's files are no longer than a file
+/// system takes.
+const LONGEST_DESCRIPTION: usize = 200;
+
+/// Refuse a description that could leave its folder, or mean something to a shell or to Yade.
 ///
 /// # Errors
-/// With what is wrong, if it holds anything but letters, digits and `_ - . , = + @ :`, begins with
-/// `-` or `.`, or holds `..`.
+/// With what is wrong, if it holds anything but at most 200 letters, digits and `_ - . , = + @ :`, begins
+/// with `-` or `.`, holds `..`, or is a lone `=`, which tells Yade to repeat the row before.
 pub fn check_description(name: &str) -> Result<(), String> {
     let harmless = |c: char| c.is_ascii_alphanumeric() || "_-.,=+@:".contains(c);
-    if name.is_empty() || !name.chars().all(harmless) || name.starts_with(['-', '.']) || name.contains("..") {
+    let is_refused = name.is_empty()
+        || name.len() > LONGEST_DESCRIPTION
+        || name == "="
+        || !name.chars().all(harmless)
+        || name.starts_with(['-', '.'])
+        || name.contains("..");
+    if is_refused {
         return Err(format!(
-            "{name:?} cannot name a run's files; use letters, digits and _ - . , = + @ : (no leading - or ., no ..)"
+            "{name:?} cannot name a run's files; use at most {LONGEST_DESCRIPTION} letters, digits and \
+             _ - . , = + @ : (no leading - or ., no ..)"
         ));
     }
     Ok(())
+}
+
+/// Names that tables use for themselves, and `dir` and `case`, which stand for folders in a model.
+const RESERVED: [&str; 14] = [
+    "description",
+    "key",
+    "sample",
+    "step",
+    "misfit",
+    "error",
+    "weight",
+    "readings",
+    "quantity",
+    "value",
+    "sigma",
+    "ess",
+    "dir",
+    "case",
+];
+
+/// Refuse a name that cannot be a parameter's: in `params.txt`, in a samples table, or in a model, where
+/// `{NAME}` stands for its value.
+///
+/// # Errors
+/// With what is wrong, if a table uses the name for itself, or if it is not a letter or `_` and then
+/// letters, digits, `_`, `-` and `.`.
+pub fn check_parameter_name(name: &str) -> Result<(), String> {
+    if RESERVED.contains(&name) || name.starts_with('!') {
+        return Err(format!("{name} is a name that tables and models use for themselves; choose another"));
+    }
+    if !is_word(name) {
+        return Err(format!(
+            "{name:?} cannot be a column name; use letters, digits, `_`, `-` and `.`, with a letter or `_` first"
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a text has the form of a parameter's name.
+pub fn is_word(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_alphabetic() || c == '_')
+        && text.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_could_do_harm_name_no_run_and_no_parameter() {
+        for name in ["", "=", "-a", ".a", "a..b", "a/b", "a b", "é", &"a".repeat(201)] {
+            assert!(check_description(name).is_err(), "{name}");
+        }
+        assert_eq!(check_description(&format!("a=b,c+1@d:e.{}", "f".repeat(188))), Ok(()));
+        for name in ["", "-x", ".x", "1", "a b", "a;b", "!EXEC", "dir", "case", "key", "step"] {
+            assert!(check_parameter_name(name).is_err(), "{name}");
+        }
+        for name in ["a", "_", "E_m", "k-n", "mu.0", "ν"] {
+            assert_eq!(check_parameter_name(name), Ok(()), "{name}");
+        }
+    }
+
+    #[test]
+    fn names_that_would_be_too_long_are_refused_before_they_are_drawn() {
+        assert!(sample_names(&"a".repeat(186), 0, 10).is_ok());
+        assert!(sample_names(&"a".repeat(187), 0, 10).is_err());
+    }
 }

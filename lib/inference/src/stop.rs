@@ -1,8 +1,11 @@
 //! Whether a calibration is done, and what to think of it.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use gl_table::verdict::Verdicts;
+use gl_table::{number, yes_no};
+use serde::{Deserialize, Serialize};
 
-use crate::fit::{BAD, of_misfit};
+use crate::fit::of_misfit;
 use crate::summary::Summary;
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -19,16 +22,29 @@ pub struct Tolerances {
 }
 
 /// One reason to stop, and whether it holds.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Criterion {
     /// What it looks at.
-    pub name: &'static str,
+    #[serde(rename = "criterion")]
+    pub name: String,
     /// The value there.
+    #[serde(serialize_with = "number")]
     pub value: f64,
     /// What it is to come down to, or up to for the number of iterations.
+    #[serde(serialize_with = "number")]
     pub tolerance: f64,
     /// Whether it has.
+    #[serde(rename = "met", serialize_with = "yes_no")]
     pub is_met: bool,
+    /// Whether it is no reason by itself: only where all of these are met is there one, `settled`.
+    #[serde(skip)]
+    pub is_part: bool,
+}
+
+impl Criterion {
+    fn new(name: &str, value: f64, tolerance: f64, is_met: bool) -> Self {
+        Self { name: name.to_owned(), value, tolerance, is_met, is_part: false }
+    }
 }
 
 /// What is known of the iteration before.
@@ -39,7 +55,7 @@ pub enum Previous {
     /// There is none.
     First,
     /// What it said.
-    Iteration(Summary),
+    Iteration(Box<Summary>),
 }
 
 /// Check a summary against the tolerances. σ having come down to the noise is a reason of its own.
@@ -56,53 +72,102 @@ pub fn criteria(
     iteration: Option<usize>,
     previous: &Previous,
 ) -> Result<Vec<Criterion>> {
-    let quantity = |name: &str| -> Result<f64> {
-        match summary.find_number(name)? {
-            Some(value) => Ok(value),
-            None => bail!("the summary has no quantity {name}"),
-        }
+    let known = |name: &str, value: Option<f64>| {
+        value.with_context(|| format!("the summary has no quantity {name}; is it one of gl-filter?"))
     };
     let mut criteria = Vec::new();
-    let mut below = |name: &'static str, tolerance: Option<f64>| -> Result<()> {
+    let mut below = |name: &str, value: Option<f64>, tolerance: Option<f64>| -> Result<()> {
         if let Some(tolerance) = tolerance {
-            let value = quantity(name)?;
-            criteria.push(Criterion { name, value, tolerance, is_met: value <= tolerance });
+            let value = known(name, value)?;
+            criteria.push(Criterion::new(name, value, tolerance, value <= tolerance));
         }
         Ok(())
     };
-    below("sigma", tolerances.sigma.or(summary.find_number("sigma_tol")?))?;
-    below("ensemble_error", tolerances.ensemble_error)?;
-    below("best_error", tolerances.error)?;
-    let floor = summary.find_number("sigma_min")?.or(summary.find_number("sigma_noise")?);
-    if let Some(tolerance) = floor {
-        let value = quantity("sigma")?;
+    below("sigma", summary.sigma, tolerances.sigma.or(summary.sigma_tol))?;
+    below("ensemble_error", summary.ensemble_error, tolerances.ensemble_error)?;
+    below("best_error", summary.best_error, tolerances.error)?;
+    if summary.draws.is_some() {
+        criteria.extend(settled(summary, previous));
+    } else if let Some(tolerance) = summary.sigma_min.or(summary.sigma_noise) {
+        let value = known("sigma", summary.sigma)?;
         // Tempering that went below the noise, for want of a floor, has not come to rest on it.
-        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous)?;
-        criteria.push(Criterion { name: "sigma_noise", value, tolerance, is_met });
+        let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous);
+        criteria.push(Criterion::new("sigma_noise", value, tolerance, is_met));
     }
     if let Some(most) = tolerances.iterations {
         let Some(iteration) = iteration else {
             bail!("--max-iterations needs --iteration, the number of this one")
         };
         let (value, tolerance) = ((iteration + 1) as f64, most as f64);
-        criteria.push(Criterion { name: "iterations", value, tolerance, is_met: value >= tolerance });
+        criteria.push(Criterion::new("iterations", value, tolerance, value >= tolerance));
     }
     Ok(criteria)
+}
+
+/// Of the standard deviation of ln likelihood within the posterior by what the emulator does not know.
+const IGNORANCE: f64 = 0.5;
+
+/// Of the change of a mean since the batch before, in standard deviations.
+const SHIFT: f64 = 0.3;
+
+/// Of the change of a standard deviation since the batch before, as |ln ratio|.
+const SPREAD: f64 = 0.2;
+
+/// Of the errors of the newest batch, in standard deviations of what was predicted.
+const PROOF: f64 = 2.0;
+
+/// Probability from which errors of the newest batch are chance, however large.
+const CHANCE: f64 = 0.01;
+
+/// Whether a posterior through an emulator is settled and proven: what the emulator does not know hardly
+/// changes the likelihood, mean and standard deviation have moved little since the batch before, and the
+/// newest batch is as it was predicted.
+fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
+    let (mut shift, mut spread) = (f64::INFINITY, f64::INFINITY);
+    if let Previous::Iteration(before) = previous {
+        (shift, spread) = (0.0, 0.0);
+        for now in summary.varied() {
+            let then = before.parameter(&now.name);
+            let of = |parameter: Option<&crate::summary::ParameterSummary>| {
+                parameter.and_then(|p| Some((p.mean?, p.sd?))).unwrap_or((f64::NAN, f64::NAN))
+            };
+            let ((mean, sd), (mean_then, sd_then)) = (of(Some(now)), of(then));
+            let moved = (mean - mean_then).abs() / sd.max(sd_then).max(f64::MIN_POSITIVE);
+            let widened = (sd.max(f64::MIN_POSITIVE) / sd_then.max(f64::MIN_POSITIVE)).ln().abs();
+            // NaN, of a parameter that was not there, is no small change.
+            shift = if moved <= shift { shift } else { moved };
+            spread = if widened <= spread { spread } else { widened };
+        }
+    }
+    let part = |name: &str, value: f64, tolerance: f64, is_met: bool| Criterion {
+        is_part: true,
+        ..Criterion::new(name, value.min(1e6), tolerance, is_met)
+    };
+    let below = |name, value: f64, tolerance| part(name, value, tolerance, value <= tolerance);
+    let z = summary.proof_z.unwrap_or(f64::INFINITY);
+    let is_chance = summary.proof_p.is_some_and(|p| p >= CHANCE);
+    let mut parts = vec![
+        below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), IGNORANCE),
+        below("shift", shift, SHIFT),
+        below("spread", spread, SPREAD),
+        part("proof", z, PROOF, z <= PROOF || is_chance),
+    ];
+    let open = parts.iter().filter(|part| !part.is_met).count();
+    parts.push(Criterion::new("settled", open as f64, 0.0, open == 0));
+    parts
 }
 
 /// Share of its value before, below which an estimated noise is still falling.
 const SETTLED: f64 = 0.8;
 
 /// Whether the noise is known, or its estimate has not fallen since the iteration before.
-fn noise_is_settled(summary: &Summary, previous: &Previous) -> Result<bool> {
-    let is_known = summary.get("best_misfit_over_noise").is_some();
-    let noise = |summary: &Summary| summary.find_number("sigma_noise");
+fn noise_is_settled(summary: &Summary, previous: &Previous) -> bool {
     match previous {
-        _ if is_known => Ok(true),
-        Previous::NotAsked => Ok(true),
-        Previous::First => Ok(false),
+        _ if summary.best_misfit_over_noise.is_some() => true,
+        Previous::NotAsked => true,
+        Previous::First => false,
         Previous::Iteration(before) => {
-            Ok(noise(summary)?.zip(noise(before)?).is_some_and(|(now, then)| now >= SETTLED * then))
+            summary.sigma_noise.zip(before.sigma_noise).is_some_and(|(now, then)| now >= SETTLED * then)
         }
     }
 }
@@ -114,60 +179,116 @@ const BAD_ERROR: f64 = 0.1;
 /// deviation is known to a fifth.
 const BLIND: f64 = 0.5;
 
-/// What speaks against trusting a calibration that `criteria` stop, one sentence each.
-///
-/// # Errors
-/// If a quantity in the summary is no number.
-pub fn doubts(summary: &Summary, criteria: &[Criterion]) -> Result<Vec<String>> {
-    let mut doubts = Vec::new();
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
+/// Probability below which a χ² is too large or too small to be chance.
+const UNLIKELY: f64 = 0.002;
+
+/// What a calibration that stops by `criteria` concludes, a row a conclusion: `stop`, and then what speaks
+/// against trusting it: `single-sample`, `sigma-above-noise`, `bad-fit`, `few-runs`, `blind` and `leans`.
+/// Nothing where no criterion is met.
+pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    let met: Vec<&str> =
+        criteria.iter().filter(|c| c.is_met && !c.is_part).map(|c| c.name.as_str()).collect();
+    if met.is_empty() {
+        return verdicts;
+    }
+    verdicts.add("stop", met.join(","), format!("stop, by {}", met.join(" and ")));
     if met == ["best_error"] {
-        let rest = summary.find_number("ensemble_error")?.unwrap_or(f64::NAN);
-        doubts.push(format!(
-            "the stop is by a single sample, {}; the weighted runs together miss by {:.2} % of the range",
-            summary.get("best_sample").unwrap_or("the best"),
-            100.0 * rest
-        ));
+        let best = summary.best_sample.as_deref().unwrap_or("the best");
+        let rest = summary.ensemble_error.unwrap_or(f64::NAN);
+        verdicts.add(
+            "single-sample",
+            best,
+            format!(
+                "the stop is by a single sample, {best}; the weighted runs together miss by {:.2} % of the range",
+                100.0 * rest
+            ),
+        );
     }
-    if let Some(noise) =
-        criteria.iter().find(|c| c.name == "sigma_noise" && c.value > c.tolerance * (1.0 + 1e-9))
+    let noise = criteria.iter().find(|c| c.name == "sigma_noise");
+    if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {
+        let times = noise.value / noise.tolerance;
+        verdicts.add(
+            "sigma-above-noise",
+            times,
+            format!("sigma is still {times:.3} times that of the noise: the posterior may change with more iterations"),
+        );
+    }
+    fit_verdicts(summary, &mut verdicts);
+    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 3.0 && summary.draws.is_none()) {
+        verdicts.add(
+            "few-runs",
+            runs,
+            format!("the posterior rests on {runs:.1} runs: more samples may well change it"),
+        );
+    }
+    parameter_verdicts(summary, &mut verdicts);
+    verdicts
+}
+
+/// Whether the fit is as good as the noise allows.
+fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
+    let error = if summary.draws.is_some() { summary.ensemble_error } else { summary.best_error };
+    let test = chi_square(summary);
+    // Draws are held against their noise, whatever that makes of the range.
+    let is_tested = summary.draws.is_some() && test.is_some();
+    if let Some(error) = error.filter(|error| *error > BAD_ERROR && !is_tested) {
+        let who = if summary.draws.is_some() { "the draws miss" } else { "the best run misses" };
+        verdicts.add(
+            "bad-fit",
+            error,
+            format!("the fit is bad: {who} by {:.0} % of the range", 100.0 * error),
+        );
+    }
+    let Some((value, degrees, p)) = test else { return };
+    let on = format!("χ² {value:.0} on {degrees:.0} degrees of freedom");
+    if p < UNLIKELY {
+        let text = format!("the fit is bad: {on}, which noise alone exceeds with a probability of {p:.1e}");
+        verdicts.add("bad-fit", value / degrees, text);
+    } else if 1.0 - p < UNLIKELY {
+        let text =
+            format!("the fit is better than the noise explains: {on}; is the noise smaller than stated?");
+        verdicts.add("noise-too-large", value / degrees, text);
+    }
+}
+
+/// χ² of the best fit where the noise is known, its degrees of freedom, and the probability of a larger one:
+/// readings, less as many as the parameters that the measurement decides, Σ shrinkage.
+fn chi_square(summary: &Summary) -> Option<(f64, f64, f64)> {
+    if let (Some(value), Some(degrees), Some(p)) =
+        (summary.chi_square, summary.chi_square_degrees, summary.chi_square_p)
     {
-        doubts.push(format!(
-            "sigma is still {:.3} times that of the noise: the posterior may change with more iterations",
-            noise.value / noise.tolerance
-        ));
+        return Some((value, degrees, p));
     }
-    if let Some(error) = summary.find_number("best_error")?.filter(|error| *error > BAD_ERROR) {
-        doubts.push(format!("the fit is bad: the best run misses by {:.0} % of the range", 100.0 * error));
-    }
-    if let (Some(times), Some(misfit)) =
-        (summary.find_number("best_misfit_over_noise")?, summary.find_number("best_misfit")?)
-    {
-        // What the noise alone would make is one for each independent reading.
-        if of_misfit(misfit, misfit / times.max(f64::MIN_POSITIVE)) < BAD {
-            doubts.push(format!(
-                "the fit is bad: the best run misfits by {times:.1} times what the noise explains"
-            ));
+    let (value, times) = (summary.best_misfit?, summary.best_misfit_over_noise?);
+    let decided: f64 = summary.varied().filter_map(|p| p.shrinkage).map(|s| s.clamp(0.0, 1.0)).sum();
+    let degrees = (value / times - decided).max(1.0);
+    (times > 0.0 && degrees.is_finite()).then(|| (value, degrees, of_misfit(value, degrees)))
+}
+
+/// What the measurement could not tell, and what leans on a bound.
+fn parameter_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
+    for parameter in &summary.parameters {
+        let name = &parameter.name;
+        if let Some(shrinkage) = parameter.shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
+            let left = (1.0 - shrinkage).sqrt();
+            verdicts.add(
+                "blind",
+                name,
+                format!(
+                    "the measurement says little of {name}: its standard deviation is {left:.2} times what it was before"
+                ),
+            );
         }
     }
-    if let Some(runs) = summary.find_number("ess_runs")?.filter(|runs| *runs < 3.0) {
-        doubts.push(format!("the posterior rests on {runs:.1} runs: more samples may well change it"));
-    }
-    for name in summary.names_of("shrinkage") {
-        let shrinkage = summary.find_number(&format!("shrinkage({name})"))?;
-        if let Some(shrinkage) = shrinkage.filter(|shrinkage| *shrinkage < BLIND) {
-            doubts.push(format!(
-                "the measurement says little of {name}: its standard deviation is {:.2} times what it was before",
-                (1.0 - shrinkage).sqrt()
-            ));
+    for parameter in &summary.parameters {
+        if let Some(side) = parameter.leaning_side() {
+            let name = &parameter.name;
+            verdicts.add(
+                "leans",
+                name,
+                format!("{name} leans on its {side} bound: the truth may lie outside"),
+            );
         }
     }
-    for name in summary.names_of("lean") {
-        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
-        if lean != 0.0 {
-            let side = if lean < 0.0 { "lower" } else { "upper" };
-            doubts.push(format!("{name} leans on its {side} bound: the truth may lie outside"));
-        }
-    }
-    Ok(doubts)
 }

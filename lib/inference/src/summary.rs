@@ -1,71 +1,218 @@
 //! What a filter says in a few numbers, and whether a calibration is done.
 
+use std::collections::HashSet;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::filter::{Noise, Runs, Weighting};
 use crate::prior::normal_quantile;
-use gl_numeric::statistics::{Quantiles, mean, normalised, sd};
-use gl_table::{Table, TableWriter, parse_number, push_number};
+use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
+use gl_table::{Table, parse_number, push_number, text, write_rows};
 
-/// Named quantities, in the order in which they were added.
+/// One row of a summary table.
+#[derive(Serialize, Deserialize)]
+struct Row {
+    quantity: String,
+    #[serde(serialize_with = "text")]
+    value: String,
+}
+
+/// The numbers of a summary that have a name of their own, each with what it is.
+macro_rules! quantities {
+    ($($(#[$what:meta])* $name:ident,)*) => {
+        /// What a calibration says in a few numbers. A quantity is absent where it is not known.
+        #[derive(Clone, Debug, Default, PartialEq)]
+        pub struct Summary {
+            /// Name of the run that fits best.
+            pub best_sample: Option<String>,
+            $($(#[$what])* pub $name: Option<f64>,)*
+            /// What is known of each parameter.
+            pub parameters: Vec<ParameterSummary>,
+        }
+
+        impl Summary {
+            /// The names of the quantities, in the order in which they are written.
+            pub const QUANTITIES: &'static [&'static str] = &[$(stringify!($name)),*];
+
+            fn quantity_mut(&mut self, name: &str) -> Option<&mut Option<f64>> {
+                match name {
+                    $(stringify!($name) => Some(&mut self.$name),)*
+                    _ => None,
+                }
+            }
+
+            /// A quantity by its name, for names that a user gives.
+            pub fn quantity(&self, name: &str) -> Option<f64> {
+                match name {
+                    $(stringify!($name) => self.$name,)*
+                    _ => {
+                        let (kind, parameter) = name.strip_suffix(')')?.split_once('(')?;
+                        self.parameter(parameter)?.quantity(kind)
+                    }
+                }
+            }
+        }
+    };
+}
+
+quantities! {
+    /// Number of runs.
+    runs,
+    /// Number of samples whose run failed.
+    failed,
+    /// What the misfits are divided by, twice: the noise is 1.
+    sigma,
+    /// The σ of the noise: 1 where it is known, else estimated with the fit.
+    sigma_noise,
+    /// The least σ that was allowed.
+    sigma_min,
+    /// The σ at which a calibration is to stop.
+    sigma_tol,
+    /// Effective sample size, as a share of the runs.
+    ess,
+    /// Effective sample size, as a number of runs.
+    ess_runs,
+    /// Mean error of the weighted runs, as a share of the observables' range.
+    ensemble_error,
+    /// Error of the run that fits best.
+    best_error,
+    /// Misfit of the run that fits best.
+    best_misfit,
+    /// The same over what a known noise alone would make.
+    best_misfit_over_noise,
+    /// Natural logarithm of the evidence.
+    ln_evidence,
+    /// Number of draws, where the posterior was sampled through an emulator; so are all that follow.
+    draws,
+    /// Standard deviation of ln likelihood by what the emulator does not know.
+    ignorance,
+    /// Error of the emulator on runs near the posterior, each left out, in standard deviations of the noise.
+    rmse,
+    /// What the emulator's variance was multiplied by.
+    calibration,
+    /// Share of the simulation's scatter that the measurement has too.
+    scatter,
+    /// Factor on the noise that was stated.
+    inflation,
+    /// Largest correlation of an observable's noise from step to step.
+    correlation,
+    /// Independent readings among the residuals of the best fit.
+    independent_readings,
+    /// χ² of the best fit under the noise as stated.
+    chi_square,
+    /// Its degrees of freedom.
+    chi_square_degrees,
+    /// Probability of a larger one.
+    chi_square_p,
+    /// Number of runs in the newest batch.
+    proof_runs,
+    /// Their errors in standard deviations of what was predicted.
+    proof_z,
+    /// Probability of errors at least as large.
+    proof_p,
+}
+
+/// What is known of one parameter. A quantity is absent where it is not known.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Summary {
-    rows: Vec<(String, String)>,
+pub struct ParameterSummary {
+    /// Its name.
+    pub name: String,
+    /// Mean.
+    pub mean: Option<f64>,
+    /// Standard deviation.
+    pub sd: Option<f64>,
+    /// Standard deviation over mean.
+    pub cv: Option<f64>,
+    /// Lower end of the 90 % interval.
+    pub q05: Option<f64>,
+    /// Upper end of the 90 % interval.
+    pub q95: Option<f64>,
+    /// Its value in the run that fits best.
+    pub best: Option<f64>,
+    /// The bound that the posterior leans on: −1 the lower, 1 the upper, 0 none.
+    pub lean: Option<f64>,
+    /// 1 − (posterior sd / prior sd)², for a parameter that was varied.
+    pub shrinkage: Option<f64>,
+}
+
+impl ParameterSummary {
+    const KINDS: [&str; 8] = ["mean", "sd", "cv", "q05", "q95", "best", "lean", "shrinkage"];
+
+    fn quantity_mut(&mut self, kind: &str) -> Option<&mut Option<f64>> {
+        match kind {
+            "mean" => Some(&mut self.mean),
+            "sd" => Some(&mut self.sd),
+            "cv" => Some(&mut self.cv),
+            "q05" => Some(&mut self.q05),
+            "q95" => Some(&mut self.q95),
+            "best" => Some(&mut self.best),
+            "lean" => Some(&mut self.lean),
+            "shrinkage" => Some(&mut self.shrinkage),
+            _ => None,
+        }
+    }
+
+    fn quantity(&self, kind: &str) -> Option<f64> {
+        self.clone().quantity_mut(kind).and_then(|value| *value)
+    }
+
+    /// The bound that the posterior leans on, `lower` or `upper`, if it does.
+    pub fn leaning_side(&self) -> Option<&'static str> {
+        match self.lean? {
+            lean if lean < 0.0 => Some("lower"),
+            lean if lean > 0.0 => Some("upper"),
+            _ => None,
+        }
+    }
 }
 
 impl Summary {
-    /// Add a number.
-    pub fn number(&mut self, quantity: impl Into<String>, value: f64) {
-        let mut text = Vec::new();
-        push_number(&mut text, value);
-        self.text(quantity, String::from_utf8_lossy(&text));
+    /// What is known of a parameter.
+    pub fn parameter(&self, name: &str) -> Option<&ParameterSummary> {
+        self.parameters.iter().find(|parameter| parameter.name == name)
     }
 
-    /// Add a text.
-    pub fn text(&mut self, quantity: impl Into<String>, value: impl Into<String>) {
-        self.rows.push((quantity.into(), value.into()));
+    /// The parameters that were varied; those of an effect that is off stand still.
+    pub fn varied(&self) -> impl Iterator<Item = &ParameterSummary> {
+        self.parameters.iter().filter(|parameter| parameter.shrinkage.is_some())
     }
 
-    /// A quantity as text, if it is there.
-    pub fn get(&self, quantity: &str) -> Option<&str> {
-        self.rows.iter().find(|(name, _)| name == quantity).map(|(_, value)| value.as_str())
-    }
-
-    /// A quantity as a number, if it is there.
-    ///
-    /// # Errors
-    /// If it is no finite number.
-    pub fn find_number(&self, quantity: &str) -> Result<Option<f64>> {
-        self.get(quantity)
-            .map(|value| parse_number(value).with_context(|| format!("quantity {quantity}")))
-            .transpose()
-    }
-
-    /// Names of the quantities `kind(NAME)`, for example of `lean(NAME)`.
-    pub fn names_of(&self, kind: &str) -> Vec<String> {
-        let inside = |quantity: &str| {
-            Some(quantity.strip_prefix(kind)?.strip_prefix('(')?.strip_suffix(')')?.to_owned())
+    /// Where a quantity goes that a table names; nowhere if this version does not know it.
+    fn place(&mut self, quantity: &str) -> Option<&mut Option<f64>> {
+        let Some((kind, name)) = quantity.strip_suffix(')').and_then(|rest| rest.split_once('(')) else {
+            return self.quantity_mut(quantity);
         };
-        self.rows.iter().filter_map(|(quantity, _)| inside(quantity)).collect()
+        let place = self.parameters.iter().position(|parameter| parameter.name == name);
+        let place = place.unwrap_or_else(|| {
+            self.parameters.push(ParameterSummary { name: name.to_owned(), ..Default::default() });
+            self.parameters.len() - 1
+        });
+        self.parameters[place].quantity_mut(kind)
     }
 
     /// Read a summary table, `quantity value`.
     ///
     /// # Errors
-    /// If it cannot be read, or a quantity is repeated.
+    /// If it cannot be read, a quantity is repeated, or one that is a number is none.
     pub fn read(path: &Path) -> Result<Self> {
         let table = Table::read(path)?;
-        let (quantity, value) = (table.format().column("quantity")?, table.format().column("value")?);
         let mut summary = Self::default();
-        for row in 0..table.len() {
-            let name = table.field(row, quantity);
-            if summary.get(name).is_some() {
-                bail!("{}:{}: quantity {name} is there twice", table.format().source(), table.line(row));
+        let mut seen = HashSet::new();
+        for (row, Row { quantity, value }) in table.rows()?.into_iter().enumerate() {
+            if !seen.insert(quantity.clone()) {
+                return table.fail(row, "quantity", format_args!("duplicate {quantity}"));
             }
-            summary.text(name, table.field(row, value));
+            if quantity == "best_sample" {
+                summary.best_sample = Some(value);
+            } else if let Some(place) = summary.place(&quantity) {
+                *place = match parse_number(&value) {
+                    Ok(number) => Some(number),
+                    Err(problem) => return table.fail(row, "value", format_args!("{quantity}: {problem}")),
+                };
+            }
         }
         Ok(summary)
     }
@@ -75,11 +222,24 @@ impl Summary {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, path: Option<&Path>) -> Result<()> {
-        let mut table = TableWriter::create(path, &["quantity", "value"])?;
-        for (quantity, value) in &self.rows {
-            table.text(quantity).text(value).end_row()?;
+        let mut rows = Vec::new();
+        let mut add = |quantity: String, value: Option<f64>| {
+            if let Some(value) = value {
+                let mut text = Vec::new();
+                push_number(&mut text, value);
+                rows.push(Row { quantity, value: String::from_utf8_lossy(&text).into_owned() });
+            }
+        };
+        Self::QUANTITIES.iter().for_each(|name| add((*name).to_owned(), self.quantity(name)));
+        for parameter in &self.parameters {
+            for kind in ParameterSummary::KINDS {
+                add(format!("{kind}({})", parameter.name), parameter.quantity(kind));
+            }
         }
-        table.finish()
+        if let Some(sample) = &self.best_sample {
+            rows.push(Row { quantity: "best_sample".to_owned(), value: sample.clone() });
+        }
+        write_rows(path, &rows)
     }
 }
 
@@ -97,6 +257,11 @@ pub struct Marginal {
     /// The bound that the posterior leans on, beyond which the truth may lie: −1 the lower, 1 the
     /// upper, 0 none.
     pub lean: i8,
+}
+
+/// Runs that must hold weight for the shape of a posterior of so many parameters d to be seen in them, 2 d + 4.
+pub fn enough_runs(parameters: usize) -> usize {
+    2 * parameters + 4
 }
 
 /// Marginal posteriors whose intervals stay wide enough when few runs hold the weight.
@@ -142,9 +307,8 @@ impl Marginals {
     pub fn new(runs: &Runs, weighting: &Weighting, parameters: usize) -> Result<Self> {
         let weights = weighting.weights()?;
         let n = weights.len() as f64;
-        let least = 2.0 * parameters as f64 + 4.0;
-        let effective = |weights: &[f64]| 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
-        let wide_weights = if effective(&weights) >= least {
+        let least = enough_runs(parameters) as f64;
+        let wide_weights = if effective_size(&weights) >= least {
             weights.clone()
         } else {
             // Where no σ does it (too few runs, or ties), all runs count alike.
@@ -154,7 +318,7 @@ impl Marginals {
                 None => normalised(&runs.ln_proposal.iter().map(|q| -q).collect::<Vec<f64>>())?,
             }
         };
-        let ess = effective(&wide_weights).max(1.5);
+        let ess = effective_size(&wide_weights).max(1.5);
         let inflation = (ess + 1.0) / (ess - 1.0);
         let t = StudentsT::new(0.0, 1.0, ess - 1.0)?.inverse_cdf(0.95) / normal_quantile(0.95);
         Ok(Self {
@@ -217,7 +381,7 @@ impl Evidence<'_> {
     pub fn summary(&self) -> Result<Summary> {
         let weights = self.weighting.weights()?;
         let n = weights.len() as f64;
-        let ess_runs = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+        let ess_runs = effective_size(&weights);
         let best = (0..weights.len())
             .min_by(|&a, &b| self.runs.misfit[a].total_cmp(&self.runs.misfit[b]))
             .context("no runs to summarise")?;
@@ -226,38 +390,40 @@ impl Evidence<'_> {
         let varied = columns.iter().filter(|column| column.iter().any(|x| *x != column[0])).count();
         let marginals = Marginals::new(self.runs, self.weighting, varied)?;
 
-        let mut summary = Summary::default();
-        summary.number("runs", n);
-        summary.number("failed", self.failed as f64);
-        summary.number("sigma", self.weighting.sigma);
-        summary.number("sigma_noise", self.noise.posterior(self.runs)?.sigma);
-        summary.number("ess", ess_runs / n);
-        summary.number("ess_runs", ess_runs);
-        summary.number("ensemble_error", mean(self.errors, &weights));
-        summary.number("best_error", self.errors[best]);
-        summary.number("best_misfit", self.runs.misfit[best]);
-        if self.expected[best] > 0.0 {
-            summary.number("best_misfit_over_noise", self.runs.misfit[best] / self.expected[best]);
-        }
-        summary.text("best_sample", &self.samples[best]);
-        summary.number("ln_evidence", self.weighting.ln_evidence);
-        for (j, ((name, column), &bounds)) in
-            self.parameters.iter().zip(&columns).zip(self.bounds).enumerate()
-        {
-            let marginal = marginals.of(column, bounds);
-            summary.number(format!("mean({name})"), marginal.mean);
-            summary.number(format!("sd({name})"), marginal.sd);
+        let summarise = |(j, name): (usize, &String)| {
+            let column = &columns[j];
+            let marginal = marginals.of(column, self.bounds[j]);
             let cv = if marginal.sd == 0.0 { 0.0 } else { marginal.sd / marginal.mean };
-            summary.number(format!("cv({name})"), if cv.is_finite() { cv } else { 0.0 });
-            summary.number(format!("q05({name})"), marginal.q05);
-            summary.number(format!("q95({name})"), marginal.q95);
-            summary.number(format!("best({name})"), column[best]);
             let is_varied = column.iter().any(|x| *x != column[0]);
-            summary.number(format!("lean({name})"), if is_varied { f64::from(marginal.lean) } else { 0.0 });
-            if let Some(prior_sd) = self.prior_sd.filter(|_| is_varied) {
-                summary.number(format!("shrinkage({name})"), 1.0 - (marginal.sd / prior_sd[j]).powi(2));
+            let prior_sd = self.prior_sd.filter(|_| is_varied);
+            ParameterSummary {
+                name: name.clone(),
+                mean: Some(marginal.mean),
+                sd: Some(marginal.sd),
+                cv: Some(if cv.is_finite() { cv } else { 0.0 }),
+                q05: Some(marginal.q05),
+                q95: Some(marginal.q95),
+                best: Some(column[best]),
+                lean: Some(if is_varied { f64::from(marginal.lean) } else { 0.0 }),
+                shrinkage: prior_sd.map(|prior_sd| 1.0 - (marginal.sd / prior_sd[j]).powi(2)),
             }
-        }
-        Ok(summary)
+        };
+        let misfit = self.runs.misfit[best];
+        Ok(Summary {
+            best_sample: Some(self.samples[best].clone()),
+            runs: Some(n),
+            failed: Some(self.failed as f64),
+            sigma: Some(self.weighting.sigma),
+            sigma_noise: Some(self.noise.posterior(self.runs)?.sigma),
+            ess: Some(ess_runs / n),
+            ess_runs: Some(ess_runs),
+            ensemble_error: Some(mean(self.errors, &weights)),
+            best_error: Some(self.errors[best]),
+            best_misfit: Some(misfit),
+            best_misfit_over_noise: Some(misfit / self.expected[best]).filter(|_| self.expected[best] > 0.0),
+            ln_evidence: Some(self.weighting.ln_evidence),
+            parameters: self.parameters.iter().enumerate().map(summarise).collect(),
+            ..Summary::default()
+        })
     }
 }

@@ -34,7 +34,9 @@ impl Weights {
     /// # Errors
     /// If the table cannot be read, a sample is repeated, a weight is negative or all are zero.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::from_table(&Table::read(path)?)
+        let table = Table::read(path)?;
+        table.check_end()?;
+        Self::from_table(&table)
     }
 
     /// Read the weights at several steps, from a table with a column `step`, as [`Weights::read`] does

@@ -48,7 +48,7 @@ fn misfits(table: &str) -> Result<String, String> {
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
     let mut output = Vec::new();
     let result = comparison.stream("runs.txt", &mut table.as_bytes(), &mut output, MisfitRows::Steps);
-    result.map(|()| String::from_utf8(output).unwrap()).map_err(|error| format!("{error:#}"))
+    result.map(|_| String::from_utf8(output).unwrap()).map_err(|error| format!("{error:#}"))
 }
 
 fn parsed(table: &str) -> Result<Ensemble, String> {

@@ -1,6 +1,6 @@
 //! Smooth densities of weighted samples on a bounded range, for pictures.
 
-use crate::statistics::{Quantiles, sd};
+use crate::statistics::{Quantiles, effective_size, sd};
 
 /// The narrowest kernel, as a share of the range: a single sample is a peak that can still be seen.
 const NARROWEST: f64 = 0.006;
@@ -74,7 +74,7 @@ fn bandwidth(places: &[f64], weights: &[f64], factor: f64, power: f64) -> f64 {
     let middle_half = (quantiles.at(0.75) - quantiles.at(0.25)) / 1.34;
     let spread = sd(places, weights);
     let spread = if middle_half > 0.0 { spread.min(middle_half) } else { spread };
-    let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
+    let effective = effective_size(weights);
     (factor * spread * effective.powf(-power)).max(NARROWEST)
 }
 

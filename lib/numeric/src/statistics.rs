@@ -42,6 +42,14 @@ pub fn ess_fraction(ln_w: &[f64]) -> Result<f64> {
     Ok(1.0 / (squares * weights.len() as f64))
 }
 
+/// Effective number of samples, 1/Σw², under weights that sum to one.
+///
+/// # Source
+/// Kong, Liu & Wong (1994), JASA 89:278.
+pub fn effective_size(weights: &[f64]) -> f64 {
+    1.0 / weights.iter().map(|w| w * w).sum::<f64>()
+}
+
 /// Mean under weights that sum to one.
 pub fn mean(values: &[f64], weights: &[f64]) -> f64 {
     values.iter().zip(weights).map(|(x, w)| x * w).sum()

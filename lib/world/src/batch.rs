@@ -5,6 +5,7 @@ use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 
 use super::{Curves, World, add_noise, inputs, places, simulate};
+use gl_inference::collect::completeness;
 use gl_inference::observations::ByName;
 use gl_inference::samples::Samples;
 use gl_table::{Table, TableWriter};
@@ -44,14 +45,15 @@ enum Fate {
 pub fn run_samples(world: &dyn World, samples: &Samples, dir: &Path) -> Result<Report> {
     let places = places(world, &samples.parameters).with_context(|| format!("{}:1", samples.source))?;
     fs::create_dir_all(dir).with_context(|| format!("{}: cannot be made a folder", dir.display()))?;
-    let fates: Vec<Fate> = (samples.names.par_iter(), samples.values.par_iter())
+    let there = completeness(samples, dir)?;
+    let fates: Vec<Fate> = (samples.names.par_iter(), samples.values.par_iter(), there.par_iter())
         .into_par_iter()
-        .map(|(name, values)| {
+        .map(|(name, values, there)| {
             let mut inputs: Vec<f64> = world.inputs().iter().map(|input| input.default).collect();
             for (&place, &value) in places.iter().zip(values) {
                 inputs[place] = value;
             }
-            run_sample(world, name, &inputs, dir)
+            run_sample(world, name, &inputs, dir, there.is_ok())
         })
         .collect::<Result<_>>()?;
     let mut report = Report::default();
@@ -71,7 +73,8 @@ pub fn run_samples(world: &dyn World, samples: &Samples, dir: &Path) -> Result<R
     Ok(report)
 }
 
-fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path) -> Result<Fate> {
+/// Run a sample, unless its run is complete and of this very world.
+fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path, is_complete: bool) -> Result<Fate> {
     let param = dir.join(format!("{name}_param.txt"));
     let sim = dir.join(format!("{name}_sim.txt"));
     let mut columns: Vec<&str> = world.inputs().iter().map(|input| input.name).collect();
@@ -80,7 +83,7 @@ fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path) -> Resu
         columns.push(name);
         values.push(value);
     }
-    if is_complete(world, &param, &sim, &columns, &values) {
+    if is_complete && is_own(world, &param, &sim, &columns, &values) {
         return Ok(Fate::Kept);
     }
     // A result of other parameters must not stand beside the new ones, not even for a moment.
@@ -100,16 +103,14 @@ fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path) -> Resu
     Ok(Fate::Done)
 }
 
-/// Whether both files are there, with these parameters and every step of the path.
-fn is_complete(world: &dyn World, param: &Path, sim: &Path, columns: &[&str], values: &[f64]) -> bool {
+/// Whether a run has these very parameters and settings, and every step of the path.
+fn is_own(world: &dyn World, param: &Path, sim: &Path, columns: &[&str], values: &[f64]) -> bool {
     let same = |file: &Path, column: &str, expected: &[f64]| {
         Table::read(file).is_ok_and(|table| {
-            table.ends_with_newline() && table.numbers(column).is_ok_and(|found| found == expected)
+            table.check_end().is_ok() && table.numbers(column).is_ok_and(|found| found == expected)
         })
     };
-    param.exists()
-        && sim.exists()
-        && columns.iter().zip(values).all(|(column, value)| same(param, column, &[*value]))
+    columns.iter().zip(values).all(|(column, value)| same(param, column, &[*value]))
         && same(sim, world.control(), &world.path())
 }
 

@@ -30,7 +30,7 @@ pub struct How {
     /// Runs of the design, an input of the emulator.
     pub runs: usize,
     /// Whether two fifths of them are made in a second round, where the first one asks for them, as
-    /// `scripts/attribute` does.
+    /// `gl-diagnose` does.
     pub in_two_rounds: bool,
     /// Whether the world itself predicts, not an emulator: the best that any emulator could do.
     pub exact: bool,

@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_cli::note;
-use gl_inference::stop::{Previous, Tolerances, criteria, doubts};
+use gl_cli::conclude;
+use gl_inference::stop::{Previous, Tolerances, criteria, verdicts};
 use gl_inference::summary::Summary;
-use gl_table::TableWriter;
+use gl_table::write_rows;
 
 /// Decide whether a calibration is done: exit 0 to stop, 1 to go on
 ///
@@ -34,6 +34,9 @@ struct Args {
     /// Summary of the iteration before, none for the first: go on while an estimated noise still falls
     #[arg(long, value_name = "FILE|none")]
     previous: Option<PathBuf>,
+    /// Where the conclusions go, besides stderr: code value text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Summary of gl-filter; stdin when absent
     #[arg(value_name = "SUMMARY", default_value = "-")]
     summary: PathBuf,
@@ -46,6 +49,7 @@ const EXAMPLE: &str = "Example:
   gl-check-stop --error-tol 0.01 --iteration 2 --max-iterations 10 summary.txt";
 
 fn run(args: &Args) -> Result<bool> {
+    gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let summary = Summary::read(&args.summary)?;
     let tolerances = Tolerances {
         sigma: args.sigma_tol,
@@ -56,24 +60,13 @@ fn run(args: &Args) -> Result<bool> {
     let previous = match args.previous.as_deref() {
         None => Previous::NotAsked,
         Some(path) if path == Path::new("none") => Previous::First,
-        Some(path) => Previous::Iteration(Summary::read(path)?),
+        Some(path) => Previous::Iteration(Box::new(Summary::read(path)?)),
     };
     let criteria = criteria(&summary, &tolerances, args.iteration, &previous)?;
-    let mut table = TableWriter::create(args.output.as_deref(), &["criterion", "value", "tolerance", "met"])?;
-    for criterion in &criteria {
-        let met = if criterion.is_met { "yes" } else { "no" };
-        table.text(criterion.name).number(criterion.value).number(criterion.tolerance).text(met).end_row()?;
-    }
-    table.finish()?;
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met).map(|c| c.name).collect();
-    if met.is_empty() {
-        return Ok(false);
-    }
-    note("gl-check-stop", format_args!("stop, by {}", met.join(" and ")));
-    for doubt in doubts(&summary, &criteria)? {
-        note("gl-check-stop", doubt);
-    }
-    Ok(true)
+    write_rows(args.output.as_deref(), &criteria)?;
+    let verdicts = verdicts(&summary, &criteria);
+    conclude("gl-check-stop", &verdicts, args.verdict.as_deref())?;
+    Ok(verdicts.find("stop").is_some())
 }
 
 fn main() -> ExitCode {

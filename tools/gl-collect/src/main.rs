@@ -7,11 +7,11 @@ use std::str::FromStr;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::{not_negative, note};
-use gl_inference::collect::{Collection, Failure};
+use gl_inference::collect::{Collection, Failure, RTOL, RunStatus};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::samples::Samples;
-use gl_table::{TableWriter, appears_whole};
+use gl_table::{appears_whole, write_rows};
 
 /// Bring the runs onto the steps of the measurement, leaving out those that failed
 #[derive(Parser)]
@@ -39,7 +39,7 @@ struct Args {
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = not_negative)]
     max_failed: f64,
     /// Relative difference up to which a run's parameters are the table's
-    #[arg(long, value_name = "R", default_value_t = 1e-5, value_parser = not_negative)]
+    #[arg(long, value_name = "R", default_value_t = RTOL, value_parser = not_negative)]
     rtol: f64,
     /// Share of the control's range by which a run may fall short of the measurement
     #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = not_negative)]
@@ -70,6 +70,7 @@ impl FromStr for Column {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.status.as_ref()])?;
     let samples = Samples::read(&args.samples)?;
     let measured: Vec<String> = args.observables.iter().map(|column| column.measured.clone()).collect();
     let observations = Observations::read(&args.observations, &args.control.measured, &measured)?;
@@ -155,15 +156,9 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
 }
 
 fn write_status(path: &Path, samples: &Samples, status: &Status) -> Result<()> {
-    let mut table = TableWriter::create(Some(path), &["sample", "status", "detail"])?;
-    for (name, status) in samples.names.iter().zip(status) {
-        match status {
-            Ok(()) => table.text(name).text("ok").text(""),
-            Err(failure) => table.text(name).text(failure.reason()).text(failure.detail()),
-        };
-        table.end_row()?;
-    }
-    table.finish()
+    let rows: Vec<_> =
+        samples.names.iter().zip(status).map(|(name, status)| RunStatus::new(name, status)).collect();
+    write_rows(Some(path), &rows)
 }
 
 fn main() -> ExitCode {

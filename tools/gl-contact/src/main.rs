@@ -36,7 +36,7 @@ struct Args {
     #[arg(long, default_value_t = Contact::OVERLAP, conflicts_with = "observations")]
     overlap: f64,
     /// Number of steps
-    #[arg(long, default_value_t = Contact::STEPS, value_parser = gl_cli::world::steps, conflicts_with = "observations")]
+    #[arg(long, default_value_t = Contact::STEPS, value_parser = gl_cli::count, conflicts_with = "observations")]
     steps: usize,
     /// Speed, m/s
     #[arg(long, default_value_t = Contact::SPEED)]

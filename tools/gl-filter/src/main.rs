@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
-use gl_cli::note;
+use gl_cli::conclude;
 use gl_inference::filter::{Noise, Runs, Target, weigh, weigh_emulated};
 use gl_inference::misfit::Misfits;
 use gl_inference::prior::{Parameter, Prior};
@@ -16,6 +16,7 @@ use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
 use gl_inference::summary::{Evidence, Summary};
 use gl_inference::weights::Weights;
+use gl_table::verdict::Verdicts;
 
 use course::Course;
 
@@ -60,6 +61,9 @@ struct Args {
     /// Where the summary goes: quantity value
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
+    /// Where the conclusions go, besides stderr: code value text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Tables of misfits; stdin when absent
     #[arg(value_name = "MISFIT", default_value = "-")]
     misfits: Vec<PathBuf>,
@@ -89,6 +93,13 @@ impl FromStr for Sigma {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([
+        args.output.as_ref(),
+        args.history.as_ref(),
+        args.step_weights.as_ref(),
+        args.summary.as_ref(),
+        args.verdict.as_ref(),
+    ])?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;
@@ -130,12 +141,10 @@ fn run(args: &Args) -> Result<()> {
     };
     let mut summary = evidence.summary()?;
     if let Some(Sigma(Target::Sigma(sigma))) = args.sigma_min {
-        summary.number("sigma_min", sigma);
+        summary.sigma_min = Some(sigma);
     }
-    if let Some(sigma) = args.sigma_tol {
-        summary.number("sigma_tol", sigma);
-    }
-    warn(&summary)?;
+    summary.sigma_tol = args.sigma_tol;
+    conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref())?;
 
     let course = Course {
         misfits: &misfits,
@@ -218,25 +227,27 @@ fn bounds(prior: Option<&Prior>, samples: &Samples) -> (Vec<(f64, f64)>, Option<
     (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)
 }
 
-/// Say what a user should know before trusting the numbers.
-fn warn(summary: &Summary) -> Result<()> {
-    let ess_runs = summary.find_number("ess_runs")?.unwrap_or(f64::INFINITY);
-    if ess_runs < 5.0 {
-        note(
-            "gl-filter",
-            format_args!(
-                "the weight rests on {ess_runs:.1} runs; take the means as rough, the intervals are widened"
-            ),
+/// What a user should know before trusting the numbers: `few-runs`, and `leans` for each parameter that does.
+fn verdicts(summary: &Summary) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 5.0) {
+        verdicts.add(
+            "few-runs",
+            runs,
+            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened"),
         );
     }
-    for name in summary.names_of("lean") {
-        let lean = summary.find_number(&format!("lean({name})"))?.unwrap_or(0.0);
-        if lean != 0.0 {
-            let side = if lean < 0.0 { "lower" } else { "upper" };
-            note("gl-filter", format_args!("{name} leans on its {side} bound; the truth may lie outside"));
+    for parameter in &summary.parameters {
+        if let Some(side) = parameter.leaning_side() {
+            let name = &parameter.name;
+            verdicts.add(
+                "leans",
+                name,
+                format!("{name} leans on its {side} bound; the truth may lie outside"),
+            );
         }
     }
-    Ok(())
+    verdicts
 }
 
 fn main() -> ExitCode {

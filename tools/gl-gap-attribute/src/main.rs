@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use gl_gap::attribute::attribution::RuledOut;
+use gl_gap::attribute::attribution::{Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
 use gl_gap::attribute::marginals::{Marginal, marginals};
 use gl_gap::attribute::measurement::Kind;
@@ -222,9 +222,17 @@ fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed:
 fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
     let columns = ["hypothesis", "parameter", "mean", "sd", "q05", "q95", "lean"];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for of in diagnosis.attribution.explanations.iter().filter(|of| !of.is_behind) {
+    let leans = |of: &Explanation, parameter: &str| {
+        let lean =
+            diagnosis.leans.iter().find(|lean| lean.hypothesis == of.name && lean.parameter == parameter);
+        lean.map(|lean| if lean.is_upper { 1.0 } else { -1.0 })
+    };
+    let is_said =
+        |of: &&Explanation| !of.is_behind || diagnosis.leans.iter().any(|lean| lean.hypothesis == of.name);
+    for of in diagnosis.attribution.explanations.iter().filter(is_said) {
         for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
-            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, f64::from(lean)]).end_row()?;
+            let lean = leans(of, &name).unwrap_or(f64::from(lean));
+            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, lean]).end_row()?;
         }
     }
     table.finish()

@@ -12,6 +12,7 @@ use gl_inference::prior::Prior;
 use gl_inference::resample::{Resampling, Sampling, resample};
 use gl_inference::samples::{Samples, sample_names};
 use gl_inference::weights::Weights;
+use gl_numeric::statistics::effective_size;
 
 /// Draw the next samples where the weight lies
 ///
@@ -24,7 +25,7 @@ struct Args {
     #[arg(short, long, value_name = "FILE")]
     params: PathBuf,
     /// Number of samples
-    #[arg(short, long, value_name = "N")]
+    #[arg(short, long, value_name = "N", value_parser = gl_cli::count)]
     num: usize,
     /// Components of the mixture at the most; when absent, as many as the effective samples can show, up to 10
     #[arg(long, value_name = "K")]
@@ -83,6 +84,7 @@ enum SamplingName {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.proposal_out.as_ref()])?;
     ensure!(args.num > 0, "draw at least one sample");
     ensure!(args.components != Some(0), "--components: a mixture has at least one");
     ensure!(args.concentration.is_none_or(|c| c > 0.0), "--concentration must be positive");
@@ -109,6 +111,12 @@ fn run(args: &Args) -> Result<()> {
     if resampled.was_widened {
         note("gl-gmm-resample", "the weight rests on very few samples; their neighbours were taken in");
     }
+    if resampled.was_by_density {
+        note(
+            "gl-gmm-resample",
+            "hardly any of the slice lies inside the bounds, so the samples were drawn by the mixture's density",
+        );
+    }
     if let Some(path) = &args.proposal_out {
         resampled.proposal.write(path)?;
     }
@@ -119,7 +127,7 @@ fn run(args: &Args) -> Result<()> {
 /// As many components as the runs that hold the weight can show: three times d + 1 for each, with d
 /// parameters, up to ten components.
 fn default_components(weights: &Weights) -> usize {
-    let ess_runs = 1.0 / weights.weight.iter().map(|w| w * w).sum::<f64>();
+    let ess_runs = effective_size(&weights.weight);
     let shown = ess_runs / (3 * (weights.varying() + 1)) as f64;
     (shown as usize).clamp(1, 10)
 }

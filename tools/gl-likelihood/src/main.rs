@@ -62,7 +62,16 @@ fn run(args: &Args) -> Result<()> {
     let mut input = open(&args.ensemble)?;
     let mut output = Sink::create(args.output.as_deref())?;
     let rows = if args.total { MisfitRows::Runs } else { MisfitRows::Steps };
-    comparison.stream(&source_name(&args.ensemble), &mut input, &mut output, rows)?;
+    let left_out = comparison.stream(&source_name(&args.ensemble), &mut input, &mut output, rows)?;
+    if let Some(first) = left_out.first() {
+        let count = left_out.len();
+        note(
+            "gl-likelihood",
+            format_args!(
+                "{count} runs left out, {first} first: their misfit is beyond what a number can say"
+            ),
+        );
+    }
     output.finish()
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::{Parser, ValueEnum};
 use gl_inference::design::{self, Effects};
 use gl_inference::prior::Prior;
@@ -71,10 +71,7 @@ impl FromStr for SampleCount {
         if text == "auto" {
             return Ok(Self::Auto);
         }
-        let count =
-            text.parse().with_context(|| format!("{text:?} is neither a number of samples nor auto"))?;
-        ensure!(count > 0, "draw at least one sample");
-        Ok(Self::Exactly(count))
+        gl_cli::count(text).map(Self::Exactly).context("give auto or a number of samples")
     }
 }
 

@@ -36,7 +36,7 @@ struct Args {
     #[arg(long, default_value_t = Triaxial::STRAIN, conflicts_with = "observations")]
     strain: f64,
     /// Number of steps
-    #[arg(long, default_value_t = Triaxial::STEPS, value_parser = gl_cli::world::steps, conflicts_with = "observations")]
+    #[arg(long, default_value_t = Triaxial::STEPS, value_parser = gl_cli::count, conflicts_with = "observations")]
     steps: usize,
 }
 

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::attribute::ignorance::Ignorance;
 use crate::attribute::mode::{Mode, standard_normal};
 use crate::attribute::model::{Curve, Model, ln_prior};
-use gl_numeric::statistics::{ln_sum_exp, moments, normalised};
+use gl_numeric::statistics::{effective_size, ln_sum_exp, moments, normalised};
 
 /// The evidence of a hypothesis and its posterior.
 #[derive(Clone, Debug)]
@@ -228,7 +228,7 @@ fn flattened(ln_weights: &[f64], wanted: f64) -> Result<Vec<f64>> {
     let effective = |power: f64| -> Result<(f64, Vec<f64>)> {
         let powered: Vec<f64> = ln_weights.iter().map(|weight| power * weight).collect();
         let weights = normalised(&powered)?;
-        Ok((1.0 / weights.iter().map(|w| w * w).sum::<f64>(), weights))
+        Ok((effective_size(&weights), weights))
     };
     let (size, weights) = effective(1.0)?;
     if size >= wanted {

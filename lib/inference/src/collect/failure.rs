@@ -1,5 +1,8 @@
 use std::fmt;
 
+use gl_table::text;
+use serde::{Deserialize, Serialize};
+
 /// Why a run cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
@@ -33,6 +36,19 @@ impl Failure {
         }
     }
 
+    /// The reason as the status of a run has it, after the exit code.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Missing(_) => "MISSING",
+            Self::Empty => "EMPTY",
+            Self::Truncated(_) => "TRUNCATED",
+            Self::NonFinite(_) => "NON_FINITE",
+            Self::Parameters(_) => "PARAMETERS",
+            Self::Control(_) => "CONTROL",
+            Self::Malformed(_) => "MALFORMED",
+        }
+    }
+
     /// What exactly was found.
     pub fn detail(&self) -> &str {
         match self {
@@ -50,5 +66,33 @@ impl Failure {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.reason(), self.detail())
+    }
+}
+
+/// One row of a status table: whether a run can be used, and why not.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RunStatus {
+    /// Name of the sample.
+    pub sample: String,
+    /// `ok`, or the reason in one word.
+    pub status: String,
+    /// What exactly was found.
+    #[serde(serialize_with = "text")]
+    pub detail: String,
+}
+
+impl RunStatus {
+    /// The status of a sample whose run was read.
+    pub fn new(sample: &str, status: &Result<(), Failure>) -> Self {
+        let (status, detail) = match status {
+            Ok(()) => ("ok", "-"),
+            Err(failure) => (failure.reason(), failure.detail()),
+        };
+        Self { sample: sample.to_owned(), status: status.to_owned(), detail: detail.to_owned() }
+    }
+
+    /// Whether the run can be used.
+    pub fn is_ok(&self) -> bool {
+        self.status == "ok"
     }
 }

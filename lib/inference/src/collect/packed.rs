@@ -65,10 +65,18 @@ impl Packs {
                 paths.push(folder.join(name));
             }
         }
+        paths.sort();
+        Self::of(paths, samples)
+    }
+
+    /// Look through these packed files for the runs of the samples.
+    ///
+    /// # Errors
+    /// If one of them cannot be read.
+    pub(super) fn of(paths: Vec<PathBuf>, samples: &Samples) -> Result<Self> {
         if paths.is_empty() {
             return Ok(Self::default());
         }
-        paths.sort();
         let index = samples.index();
         let scans: Vec<Scan> = paths
             .par_iter()

@@ -1,3 +1,4 @@
+use super::complete::{check_complete, malformed};
 use super::{Collection, Failure};
 use crate::alignment::align;
 use crate::samples::Samples;
@@ -12,51 +13,17 @@ impl Collection<'_> {
         parameters: Option<&[u8]>,
         simulation: &[u8],
     ) -> Result<Vec<Vec<f64>>, Failure> {
-        let name = &samples.names[i];
-        let Some(parameters) = parameters else {
-            return Err(Failure::Missing(format!("no {name}_param.txt")));
-        };
-        self.check_parameters(&format!("{name}_param.txt"), parameters, samples, i)?;
-        self.curves(&format!("{name}_sim.txt"), simulation)
-    }
-
-    /// Compare the parameters that the run wrote down with the table's.
-    fn check_parameters(&self, file: &str, bytes: &[u8], samples: &Samples, i: usize) -> Result<(), Failure> {
-        let mut rows = Rows::new(file, bytes).map_err(malformed)?;
-        let format = rows.format().clone();
-        let Some((_, fields)) = rows.next_row().map_err(malformed)? else {
-            return Err(Failure::Parameters(format!("{file} has no row")));
-        };
-        for (name, &expected) in samples.parameters.iter().zip(&samples.values[i]) {
-            let column = format.find(name).map_err(malformed)?;
-            let Some(column) = column else {
-                return Err(Failure::Parameters(format!("{file} has no column {name}")));
-            };
-            let close = |value: f64| (value - expected).abs() <= self.rtol * value.abs().max(expected.abs());
-            if !fields[column].parse::<f64>().is_ok_and(close) {
-                let problem = format!("{name} is {}, not {expected} as in the table", fields[column]);
-                return Err(Failure::Parameters(problem));
-            }
-        }
-        Ok(())
+        check_complete(samples, i, parameters, simulation, self.rtol)?;
+        self.curves(&format!("{}_sim.txt", samples.names[i]), simulation)
     }
 
     fn curves(&self, file: &str, bytes: &[u8]) -> Result<Vec<Vec<f64>>, Failure> {
-        if bytes.iter().all(u8::is_ascii_whitespace) {
-            return Err(Failure::Empty);
-        }
         let mut rows = Rows::new(file, bytes).map_err(malformed)?;
         let format = rows.format().clone();
         let find = |name: &str| format.column(name).map_err(malformed);
         let mut columns = vec![find(&self.control)?];
         for name in &self.observables {
             columns.push(find(name)?);
-        }
-        // A number that was cut off is still a number: only the missing line end tells.
-        if !bytes.ends_with(b"\n") {
-            return Err(Failure::Truncated(
-                "no line end after the last row, which may be cut off".to_owned(),
-            ));
         }
         let mut values = vec![Vec::new(); columns.len()];
         let mut row = Vec::new();
@@ -79,20 +46,21 @@ impl Collection<'_> {
             }
         }
         let control = values.remove(0);
-        if control.is_empty() {
-            return Err(Failure::Empty);
+        for (name, values) in self.observables.iter().zip(&values) {
+            if let Some(value) = values.iter().find(|value| value.abs() > HIGHEST) {
+                return Err(Failure::NonFinite(format!("{file}: column {name}: {value:e}: the run blew up")));
+            }
         }
         align(&self.observations.control, &control, &values, self.end_tolerance)
     }
 }
+
+/// Above this the square of a value, divided by a small noise, is no number any more.
+const HIGHEST: f64 = 1e100;
 
 fn number(format: &Format, line: usize, column: usize, field: &str) -> Result<f64, Failure> {
     parse_number(field).map_err(|problem| {
         let detail = format!("{}:{line}: column {}: {problem}", format.source(), format.columns()[column]);
         if field.parse::<f64>().is_ok() { Failure::NonFinite(detail) } else { Failure::Malformed(detail) }
     })
-}
-
-fn malformed(error: anyhow::Error) -> Failure {
-    Failure::Malformed(format!("{error:#}"))
 }

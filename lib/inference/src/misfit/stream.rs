@@ -1,6 +1,6 @@
 use std::io::{Read, Write};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use super::{Comparison, RunMisfit};
 use crate::ensemble::{CONTROL_TOLERANCE, Columns, PlainRows};
@@ -16,6 +16,14 @@ struct Form {
     /// The step between two tabs, for each step that is compared.
     steps: Vec<Vec<u8>>,
     rows: MisfitRows,
+}
+
+/// What a piece of an ensemble gives.
+struct Piece {
+    /// Rows of the misfit table.
+    rows: Vec<u8>,
+    /// Runs whose misfit is beyond what a number can say.
+    left_out: Vec<String>,
 }
 
 /// What the rows of a misfit table stand for.
@@ -36,15 +44,18 @@ impl Comparison<'_> {
     /// `expected` is a row's share of the misfit that this noise alone would make, else 0. Where the
     /// ensemble is an emulator's, `ignorance` follows: a row's share of [`RunMisfit::ignorance`].
     ///
+    /// A run whose misfit is beyond what a number can say is left out. Returns the names of these.
+    ///
     /// # Errors
-    /// If the table cannot be read or written, or a run does not have the steps of the measurement.
+    /// If the table cannot be read or written, a run does not have the steps of the measurement, or all runs
+    /// are left out.
     pub fn stream(
         &self,
         source: &str,
         input: &mut (dyn Read + Send),
         output: &mut dyn Write,
         rows: MisfitRows,
-    ) -> Result<()> {
+    ) -> Result<Vec<String>> {
         let table = RunTable::new(source, input, "sample")?;
         let columns =
             Columns::find(table.format(), &self.observations.control_name, &self.observations.names)?;
@@ -58,18 +69,29 @@ impl Comparison<'_> {
         let more = if form.columns.sd.is_some() { "\tignorance" } else { "" };
         writeln!(output, "sample\tstep\tmisfit\terror\treadings\texpected{more}")
             .context("the misfits cannot be written")?;
+        let (mut left_out, mut written) = (Vec::new(), 0);
         table.for_each(
             |piece, format| self.piece(piece, format, &form),
-            |rows| output.write_all(&rows).context("the misfits cannot be written"),
-        )
+            |Piece { rows, left_out: more }| {
+                left_out.extend(more);
+                written += rows.len();
+                output.write_all(&rows).context("the misfits cannot be written")
+            },
+        )?;
+        ensure!(
+            left_out.is_empty() || written > 0,
+            "{source}: the misfit of every run is beyond what a number can say; are the noise, the scale and \
+             the runs of a sensible size?"
+        );
+        Ok(left_out)
     }
 
     /// The misfit rows of a piece of an ensemble table that holds whole runs.
-    fn piece(&self, piece: &str, format: &Format, form: &Form) -> Result<Vec<u8>, Flaw> {
+    fn piece(&self, piece: &str, format: &Format, form: &Form) -> Result<Piece, Flaw> {
         let columns = &form.columns;
         let m = columns.observables.len();
         let total = self.observations.steps();
-        let mut output = Vec::with_capacity(piece.len());
+        let (mut output, mut left_out) = (Vec::with_capacity(piece.len()), Vec::new());
         let mut fields = Vec::new();
         let (mut sample, mut last) = ("", 0);
         let (mut values, mut sds) = (Vec::with_capacity(m * total), Vec::new());
@@ -81,7 +103,11 @@ impl Comparison<'_> {
                 return Err(Flaw { line, problem });
             }
             let misfit = self.run(values, columns.sd.as_ref().map(|_| sds.as_slice()));
-            self.write_rows(sample, &misfit, form, &mut output);
+            if misfit.is_finite() {
+                self.write_rows(sample, &misfit, form, &mut output);
+            } else {
+                left_out.push(sample.to_owned());
+            }
             values.clear();
             sds.clear();
             Ok(())
@@ -141,7 +167,7 @@ impl Comparison<'_> {
         if last > 0 {
             close(sample, &mut values, &mut sds, last)?;
         }
-        Ok(output)
+        Ok(Piece { rows: output, left_out })
     }
 
     fn write_rows(&self, sample: &str, run: &RunMisfit, form: &Form, output: &mut Vec<u8>) {

@@ -100,7 +100,7 @@ impl Misfits {
                         self.samples.first().map_or("others", String::as_str)
                     );
                     if !seen.insert(sample.clone()) {
-                        bail!("{source}: sample {sample} is there twice");
+                        bail!("{source}: duplicate sample {sample}");
                     }
                     self.samples.push(sample);
                     self.readings.push(piece.readings[i]);

@@ -1,0 +1,1 @@
+../triaxial/triaxial.py

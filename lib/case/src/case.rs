@@ -1,0 +1,406 @@
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result, bail, ensure};
+use toml::de::DeTable;
+
+use crate::cluster::Cluster;
+use crate::engine::Engine;
+use crate::fields::fields_of;
+use crate::file::File;
+pub use crate::file::Tolerances;
+use crate::model::Model;
+use crate::overrides::Override;
+use crate::places::{Places, place, suggestion};
+
+/// A column of a measurement, and what the runs call it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Its name in `obs.txt`.
+    pub measured: String,
+    /// Its name in the files of the runs.
+    pub simulated: String,
+}
+
+impl Column {
+    /// As `gl-collect` takes it: `e_a`, or `e_a=e_z`.
+    pub fn renamed(&self) -> String {
+        if self.measured == self.simulated {
+            self.measured.clone()
+        } else {
+            format!("{}={}", self.measured, self.simulated)
+        }
+    }
+}
+
+impl FromStr for Column {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (measured, simulated) = text.split_once('=').unwrap_or((text, text));
+        let (measured, simulated) = (measured.trim(), simulated.trim());
+        let is_name = |name: &str| !name.is_empty() && !name.contains([',', '=', ' ', '\t', '#']);
+        ensure!(
+            is_name(measured) && is_name(simulated),
+            "{text:?} is no column; give its name, or MEASURED=SIMULATED where the runs call it otherwise"
+        );
+        Ok(Self { measured: measured.to_owned(), simulated: simulated.to_owned() })
+    }
+}
+
+/// One test: what was measured, and how runs are compared with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Test {
+    /// The table of the measurement.
+    pub obs: PathBuf,
+    /// What the experiment imposes.
+    pub control: Column,
+    /// What is compared.
+    pub observables: Vec<Column>,
+    /// Standard deviation of the noise, by measured observable; empty where it is not given.
+    pub noise: Vec<(String, f64)>,
+    /// How much an observable counts where the noise is not known; empty for all alike.
+    pub weights: Vec<(String, f64)>,
+    /// What misfits are measured against where the noise is not known: `max`, `value`, `range` or `none`.
+    pub scale: Option<String>,
+    /// The steps that calibration sees, `A:B`; all if absent.
+    pub steps: Option<String>,
+}
+
+impl Test {
+    /// Names of the observables in the measurement.
+    pub fn observable_names(&self) -> Vec<String> {
+        self.observables.iter().map(|column| column.measured.clone()).collect()
+    }
+}
+
+/// What the posterior is read from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Posterior {
+    /// Draws through an emulator of the runs.
+    Emulator,
+    /// The weights of real runs, with emulated samples between the iterations to draw the next ones from.
+    Weights,
+    /// The weights of the real runs alone.
+    Runs,
+}
+
+/// A case: `case.toml`, and what was given for this call.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// First part of the name of each run.
+    pub name: String,
+    /// What was measured; one test at present.
+    pub tests: Vec<Test>,
+    /// Units of columns and parameters, for axes.
+    pub units: Vec<(String, String)>,
+    /// Values of parameters that are known to be true: drawn, never used.
+    pub truth: Vec<(String, f64)>,
+    /// Runs an iteration; by the number of parameters where it is not given.
+    pub num: Option<usize>,
+    /// Iterations at the most.
+    pub iterations: usize,
+    /// The same seed gives the same samples on every machine.
+    pub seed: u64,
+    /// Stop criteria beside the noise.
+    pub tolerances: Tolerances,
+    /// Share of runs that may fail.
+    pub max_failed: f64,
+    /// Threads a run.
+    pub threads: Option<usize>,
+    /// Whether the files of many runs are packed into one; as the environment says where it is not given.
+    pub packed: Option<bool>,
+    /// Share of an iteration's runs that keep weight when the next samples are drawn.
+    pub ess: f64,
+    /// What the posterior is read from.
+    pub posterior: Posterior,
+    /// Emulated samples a round, between the iterations.
+    pub emulated: usize,
+    /// How the next samples are drawn: `mixture` or `slice`.
+    pub sampling: String,
+    /// Components of the mixture that they are drawn from.
+    pub components: Option<usize>,
+    /// Kind of its covariances: `full`, `tied`, `diag` or `spherical`.
+    pub covariance: Option<String>,
+    /// Effects that are in.
+    pub effects: Vec<String>,
+    /// Runs of the design of a diagnosis; by the number of parameters where it is not given.
+    pub design_num: Option<usize>,
+    /// Effects of the measurement that are candidates.
+    pub measurement: Vec<String>,
+    /// Effects that may be at work together.
+    pub max_effects: Option<usize>,
+    /// Share of the simulation's own scatter that the measurement has.
+    pub scatter: Option<f64>,
+    /// The simulator.
+    pub model: Model,
+    /// What the site wants of a job in the queue.
+    pub cluster: Cluster,
+    /// Where each setting was given, for messages.
+    pub places: Places,
+}
+
+/// Emulated samples a round where nothing else is said.
+const EMULATED: u64 = 1000;
+
+/// Iterations at the most where nothing else is said: of batches through an emulator, and of others.
+const BATCHES: usize = 30;
+const ITERATIONS: usize = 10;
+
+impl Case {
+    /// Name of the file.
+    pub const FILE: &str = "case.toml";
+
+    /// Read the case in a folder; settings in `given`, each `KEY=VALUE`, win over those of its `case.toml`.
+    ///
+    /// # Errors
+    /// If there is no case, or a setting is unknown or of no use; the message names file and line.
+    pub fn load<S: AsRef<str>>(folder: &Path, given: &[S]) -> Result<Self> {
+        let path = folder.join(Self::FILE);
+        let source = path.display().to_string();
+        let text = match std::fs::read_to_string(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                bail!("{source}: no such case; gl-init makes one")
+            }
+            text => text.with_context(|| format!("{source}: cannot be read"))?,
+        };
+        Self::parse(folder, &source, &text, given)
+    }
+
+    /// A case from the text of its `case.toml`; `source` names it in messages.
+    ///
+    /// # Errors
+    /// See [`Case::load`].
+    pub fn parse<S: AsRef<str>>(folder: &Path, source: &str, text: &str, given: &[S]) -> Result<Self> {
+        let failed = |error: &toml::de::Error, key: &str| {
+            let at = error.span().map_or(source.to_owned(), |span| place(source, text, span.start));
+            anyhow::anyhow!("{at}: {key}{}", error.message())
+        };
+        let document = DeTable::parse(text).map_err(|error| failed(&error, ""))?;
+        check_names(source, text, document.get_ref())?;
+        let mut places = Places::of(source, text, document.get_ref());
+        let mut table: toml::Table = toml::from_str(text).map_err(|error| failed(&error, ""))?;
+        toml::from_str::<File>(text)
+            .map_err(|error| failed(&error, &key_at(document.get_ref(), error.span())))?;
+        let mut command = None;
+        for text in given {
+            let Override { path, value } = Override::parse(text.as_ref())?;
+            places.replace(&path, text.as_ref());
+            match path.as_str() {
+                "model" => command = value.as_str().map(str::to_owned),
+                path => set(&mut table, path, value),
+            }
+        }
+        let file: File = table.try_into().with_context(|| source.to_owned())?;
+        Self::from_file(folder, source, file, command, places)
+    }
+
+    fn from_file(
+        folder: &Path,
+        source: &str,
+        file: File,
+        command: Option<String>,
+        places: Places,
+    ) -> Result<Self> {
+        let test = test(folder, source, &file, &places)?;
+        let name =
+            file.name.with_context(|| lacks(source, "name", "the first part of the names of the runs"))?;
+        let emulated = file.emulated.unwrap_or(EMULATED);
+        let posterior = match (file.posterior.as_deref(), file.emulated) {
+            (Some("runs"), _) | (_, Some(0)) => Posterior::Runs,
+            (Some("weights"), _) | (None, Some(_)) => Posterior::Weights,
+            _ => Posterior::Emulator,
+        };
+        let iterations = if posterior == Posterior::Emulator { BATCHES } else { ITERATIONS };
+        Ok(Self {
+            folder: folder.to_owned(),
+            name,
+            tests: vec![test],
+            units: file.units.unwrap_or_default(),
+            truth: file.truth.unwrap_or_default(),
+            num: file.num.map(usize::from),
+            iterations: file.iterations.map_or(iterations, usize::from),
+            seed: file.seed.unwrap_or(0),
+            tolerances: file.tolerances,
+            max_failed: file.max_failed.unwrap_or(0.5),
+            threads: file.threads.map(usize::from),
+            packed: file.packed,
+            ess: file.ess.unwrap_or(0.2),
+            posterior,
+            emulated: if posterior == Posterior::Runs { 0 } else { usize::try_from(emulated)? },
+            sampling: file.sampling.unwrap_or_else(|| "mixture".to_owned()),
+            components: file.components.map(usize::from),
+            covariance: file.covariance,
+            effects: file.effects.unwrap_or_default(),
+            design_num: file.design_num.map(usize::from),
+            measurement: file.measurement.unwrap_or_default(),
+            max_effects: file.max_effects.map(usize::from),
+            scatter: file.scatter,
+            model: Model { by_engine: file.model, given: command },
+            cluster: file.cluster,
+            places,
+        })
+    }
+
+    /// Names of all settings.
+    pub fn settings() -> Vec<&'static str> {
+        fields_of::<File>()
+    }
+
+    /// The table of parameters.
+    pub fn params(&self) -> PathBuf {
+        self.folder.join("params.txt")
+    }
+
+    /// `case.toml` itself.
+    pub fn file(&self) -> PathBuf {
+        self.folder.join(Self::FILE)
+    }
+
+    /// The engine that was asked for, else the first that the case has, and what it runs.
+    ///
+    /// # Errors
+    /// If the case has no model for it.
+    pub fn engine(&self, asked: Option<Engine>) -> Result<(Engine, &str)> {
+        let place = self.places.of_setting("model");
+        let first = asked.or_else(|| self.model.default_engine());
+        let first = first.or(self.model.given.is_some().then_some(Engine::Local));
+        let Some(engine) = first else {
+            bail!("{place}: no model; give one by engine under [model], such as local = \"COMMAND\"")
+        };
+        let Some(model) = self.model.of(engine) else {
+            let has: Vec<&str> = self.model.by_engine.keys().map(|engine| engine.name()).collect();
+            bail!(
+                "{place}: no model for the engine {engine}; {}",
+                if has.is_empty() {
+                    "give one under [model]".to_owned()
+                } else {
+                    format!("there is one for {}", has.join(", "))
+                }
+            )
+        };
+        Ok((engine, model))
+    }
+}
+
+fn lacks(source: &str, key: &str, what: &str) -> String {
+    format!("{source}: no {key}, {what}")
+}
+
+fn test(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Test> {
+    let column = |path: &str, text: &str| {
+        text.parse::<Column>().with_context(|| format!("{}: {path}", places.of_setting(path)))
+    };
+    let control = file
+        .control
+        .as_deref()
+        .with_context(|| lacks(source, "control", "the column that the experiment imposes"))?;
+    let control = column("control", control)?;
+    let names = file.observables.as_deref().unwrap_or_default();
+    ensure!(!names.is_empty(), lacks(source, "observables", "the columns to compare"));
+    let place = |i: usize| format!("observables.{i}");
+    let observables = names.iter().enumerate().map(|(i, name)| column(&place(i), name));
+    let observables = observables.collect::<Result<Vec<Column>>>()?;
+    for (i, observable) in observables.iter().enumerate() {
+        let name = &observable.measured;
+        let at = places.of_setting(&format!("observables.{i}"));
+        ensure!(*name != control.measured, "{at}: {name} is the control; an observable is another column");
+        ensure!(
+            observables[..i].iter().all(|other| other.measured != *name),
+            "{at}: duplicate observable {name}"
+        );
+    }
+    let test = Test {
+        obs: folder.join("obs.txt"),
+        control,
+        observables,
+        noise: file.noise.clone().unwrap_or_default(),
+        weights: file.weights.clone().unwrap_or_default(),
+        scale: file.scale.clone(),
+        steps: file.steps.clone(),
+    };
+    let known = test.observable_names();
+    for (key, rows) in [("noise", &test.noise), ("weights", &test.weights)] {
+        for (name, _) in rows {
+            ensure!(
+                known.contains(name),
+                "{}: {key}: no observable {name}; {}",
+                places.of_setting(&format!("{key}.{name}")),
+                suggestion(name, &known, "they are")
+            );
+        }
+        ensure!(
+            rows.is_empty() || rows.len() == known.len(),
+            "{}: {key}: give it for each of {}, or for none",
+            places.of_setting(key),
+            known.join(", ")
+        );
+    }
+    Ok(test)
+}
+
+/// Refuse settings that there are not.
+fn check_names(source: &str, text: &str, table: &DeTable<'_>) -> Result<()> {
+    check_keys(source, text, table, &fields_of::<File>(), "")?;
+    let sections = [
+        ("tolerances", fields_of::<Tolerances>()),
+        ("model", Engine::ALL.map(Engine::name).to_vec()),
+        ("cluster", fields_of::<Cluster>()),
+    ];
+    for (name, known) in sections {
+        if let Some(section) = table.get(name).and_then(|value| value.get_ref().as_table())
+            && !known.is_empty()
+        {
+            check_keys(source, text, section, &known, &format!("{name}."))?;
+        }
+    }
+    Ok(())
+}
+
+fn check_keys(source: &str, text: &str, table: &DeTable<'_>, known: &[&str], prefix: &str) -> Result<()> {
+    for key in table.keys() {
+        let name = key.get_ref();
+        ensure!(
+            known.contains(&name.as_ref()),
+            "{}: {prefix}{name}: {}",
+            place(source, text, key.span().start),
+            suggestion(name, known, "no such setting; they are")
+        );
+    }
+    Ok(())
+}
+
+/// The setting that a place in the text belongs to, `noise: `.
+fn key_at(table: &DeTable<'_>, span: Option<std::ops::Range<usize>>) -> String {
+    let Some(span) = span else { return String::new() };
+    for (key, value) in table {
+        let whole = key.span().start..value.span().end.max(key.span().end);
+        if !whole.contains(&span.start) {
+            continue;
+        }
+        return match value.get_ref().as_table() {
+            Some(below) if !key_at(below, Some(span.clone())).is_empty() => {
+                format!("{}.{}", key.get_ref(), key_at(below, Some(span)))
+            }
+            _ => format!("{}: ", key.get_ref()),
+        };
+    }
+    String::new()
+}
+
+/// Put a value at a path such as `tolerances.sigma`.
+fn set(table: &mut toml::Table, path: &str, value: toml::Value) {
+    match path.split_once('.') {
+        None => {
+            table.insert(path.to_owned(), value);
+        }
+        Some((section, rest)) => {
+            let below = table.entry(section).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            if let Some(below) = below.as_table_mut() {
+                set(below, rest, value);
+            }
+        }
+    }
+}

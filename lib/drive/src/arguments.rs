@@ -1,0 +1,72 @@
+//! What all drivers are called with.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use gl_case::{Case, Engine, Settings};
+
+use crate::step::put;
+
+/// The case, how its runs are made, where the results go, and settings for this call.
+#[derive(Args, Clone, Debug)]
+pub struct Request {
+    /// Folder of the case, with params.txt, obs.txt and case.toml
+    #[arg(value_name = "CASE")]
+    pub case: PathBuf,
+    /// How the runs are made: embedded, local, yade-batch, slurm or pbs; by default the first of the first
+    /// three that the case has a model for
+    #[arg(short, long, value_name = "ENGINE")]
+    pub engine: Option<Engine>,
+    /// Folder of the results
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Settings of case.toml for this call, such as num=40 or noise=f=0.01
+    #[arg(value_name = "KEY=VALUE")]
+    pub given: Vec<String>,
+}
+
+impl Request {
+    /// Read the case, with the settings of this call.
+    ///
+    /// # Errors
+    /// If there is none, or a setting is wrong.
+    pub fn load(&self) -> Result<Case> {
+        ensure!(
+            !self.case.as_os_str().is_empty() && !is_setting(&self.case),
+            "{}: is no folder of a case; CASE comes first",
+            self.case.display()
+        );
+        Case::load(&self.case, &self.given)
+    }
+
+    /// Where the results go: `out/NAME-OF-CASE-FOLDER` and `suffix` if nothing was said.
+    ///
+    /// # Errors
+    /// If the folder of the case has no name.
+    pub fn folder(&self, suffix: &str) -> Result<PathBuf> {
+        if let Some(out) = &self.out {
+            return Ok(out.clone());
+        }
+        let folder = self.case.canonicalize().with_context(|| self.case.display().to_string())?;
+        let Some(name) = folder.file_name() else {
+            bail!("{}: has no name to call the results by; give --out", folder.display())
+        };
+        let mut name = name.to_owned();
+        name.push(suffix);
+        Ok(Path::new("out").join(name))
+    }
+
+    /// Keep what was given, where it changes what is computed; the time of the file is that of the last change.
+    pub(crate) fn keep(&self, engine: Engine, out: &Path) -> Result<PathBuf> {
+        let limits = |text: &&String| !text.to_lowercase().starts_with("iterations=");
+        let given = self.given.iter().filter(limits).cloned().collect();
+        let file = out.join(Settings::FILE);
+        put(&file, Settings { engine, given }.text()?.as_bytes())?;
+        Ok(file)
+    }
+}
+
+fn is_setting(path: &Path) -> bool {
+    path.to_str().is_some_and(|text| text.contains('=')) && !path.exists()
+}

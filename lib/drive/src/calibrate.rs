@@ -1,0 +1,135 @@
+//! The loop of a calibration: iterations of samples, runs, weights, until a criterion is met.
+
+pub(crate) mod draws;
+pub(crate) mod emulated;
+pub(crate) mod iteration;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use gl_engine::lock::OutLock;
+
+use crate::arguments::Request;
+use crate::check;
+use crate::step::{Call, Runner, copy, join, show};
+use crate::{Progress, words};
+use iteration::{Iteration, Setting};
+
+/// How long a calibration goes on, and whether it waits.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct Limits {
+    /// Iterations at the most; iterations=N of the case when absent
+    #[arg(short = 'i', long, value_name = "N", value_parser = from_one, conflicts_with_all = ["more", "until"])]
+    pub iterations: Option<usize>,
+    /// So many iterations beyond those that are there, whatever the criteria say
+    #[arg(short = 'm', long, value_name = "N", value_parser = from_one, conflicts_with = "until")]
+    pub more: Option<usize>,
+    /// So many iterations in all, whatever the criteria say
+    #[arg(long, value_name = "N")]
+    pub until: Option<usize>,
+    /// With slurm and pbs: exit with 1 where runs are in the queue, and do not wait for them
+    #[arg(long)]
+    pub no_wait: bool,
+}
+
+/// An argument that is a number of iterations.
+///
+/// # Errors
+/// If it is not.
+pub fn from_one(text: &str) -> Result<usize> {
+    let number = text.parse::<usize>().unwrap_or(0);
+    ensure!(number > 0, "give a number of iterations from 1");
+    Ok(number)
+}
+
+/// Calibrate a case. The folder gets `iter0`, `iter1`, … with the tables of each iteration, and at the end
+/// `ensemble.txt` with all runs, `posterior-weights.txt` with draws through an emulator or the weights of the runs,
+/// `posterior.txt` with what these say, and `posterior-runs-weights.txt` and `posterior-runs.txt` with the same of
+/// the real runs alone.
+///
+/// # Errors
+/// If the case is wrong, or a step fails.
+pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
+    let case = request.load()?;
+    let (engine, model) = case.engine(request.engine)?;
+    let out = request.folder("")?;
+    let _lock = alone(&out, "gl-calibrate")?;
+    let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
+    let runner = Runner::new(&out)?;
+    let settings = request.keep(engine, &out)?;
+    let setting = Setting {
+        case: &case,
+        test: &case.tests[0],
+        runs: Some((engine, model)),
+        prior: &prior,
+        settings: Some(settings),
+        wait: !limits.no_wait,
+        runner: &runner,
+        out: &out,
+    };
+
+    let until = limits.more.map(|more| done(&out) + more).or(limits.until).unwrap_or(0);
+    let most = if until > 0 { until } else { limits.iterations.unwrap_or(case.iterations) };
+    let (mut last, mut is_over) = (0, false);
+    for i in 0..most {
+        last = i;
+        let iteration = Iteration::new(&setting, i);
+        let Some(stops) = iteration.make()? else { return Ok(Progress::InQueue) };
+        say(words::iteration(i, &iteration.folder)?)?;
+        is_over = stops && i + 1 >= until;
+        if is_over {
+            break;
+        }
+    }
+    let folder = out.join(format!("iter{last}"));
+    if is_over {
+        show(&folder.join("stop.log"), 0);
+    } else {
+        let call = Call::new("gl-check-stop").option("--max-iterations", Some(most));
+        runner.ask(&call.option("--iteration", Some(last)).arg(folder.join("summary.txt")))?;
+    }
+    finish(&out, last)?;
+    say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
+    Ok(Progress::Finished)
+}
+
+/// The folder for this driver alone. One that was killed leaves steps that end soon.
+///
+/// # Errors
+/// If another driver works there.
+pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
+    OutLock::take_within(out, tool, Duration::from_secs(2), &|text| gl_cli::note(tool, text))
+}
+
+/// What a calibration ends with: all runs, their posterior weights, and what these say.
+fn finish(out: &Path, last: usize) -> Result<()> {
+    let ensembles: Vec<PathBuf> = (0..=last).map(|i| out.join(format!("iter{i}/ensemble.txt"))).collect();
+    let whole = out.join(".ensemble.txt");
+    join(&ensembles, &whole, None)?;
+    copy(&whole, &out.join("ensemble.txt"))?;
+    std::fs::remove_file(&whole)?;
+    let folder = out.join(format!("iter{last}"));
+    for (table, of_runs) in
+        [("posterior-weights.txt", "posterior-runs-weights.txt"), ("posterior.txt", "posterior-runs.txt")]
+    {
+        copy(&folder.join(table), &out.join(table))?;
+        // Where the weights of the runs are the posterior, they are both.
+        let beside = folder.join(of_runs);
+        copy(if beside.exists() { &beside } else { &folder.join(table) }.as_path(), &out.join(of_runs))?;
+    }
+    Ok(())
+}
+
+/// How many iterations are done.
+pub fn done(out: &Path) -> usize {
+    (0..).take_while(|i| out.join(format!("iter{i}/stop.code")).exists()).count()
+}
+
+/// A line on stdout.
+pub(crate) fn say(line: String) -> Result<()> {
+    use std::io::Write;
+    let mut stdout = std::io::stdout();
+    Ok(writeln!(stdout, "{line}").and_then(|()| stdout.flush())?)
+}

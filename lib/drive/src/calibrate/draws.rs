@@ -1,0 +1,121 @@
+//! An iteration through an emulator: draws of the posterior, and the samples that would tell most.
+
+use std::path::Path;
+
+use anyhow::Result;
+use gl_case::Posterior;
+use gl_table::verdict::Verdicts;
+
+use super::iteration::Iteration;
+use crate::columns::{comparison, runs_of_iteration, varied, weighed_runs};
+use crate::step::{Call, Messages, copy, is_current, write};
+
+/// Why an iteration and those after it are read from the weights of the runs, where they are.
+const FALLBACK: &str = "fallback.txt";
+
+impl Iteration<'_> {
+    /// Whether the posterior is sampled through an emulator: the case says so, and no iteration before found that
+    /// this does not do.
+    pub(crate) fn is_drawn(&self) -> Result<bool> {
+        let is_left = |i: usize| self.setting.folder(i).join(FALLBACK).exists();
+        Ok(self.setting.case.posterior == Posterior::Emulator && !(0..self.number).any(is_left))
+    }
+
+    /// Runs of this iteration.
+    pub(crate) fn runs(&self) -> usize {
+        let (case, prior) = (self.setting.case, self.setting.prior);
+        let is_left = (0..self.number).any(|i| self.setting.folder(i).join(FALLBACK).exists());
+        match case.num {
+            None if is_left => weighed_runs(varied(prior, &case.effects)),
+            _ => runs_of_iteration(case, prior, self.number),
+        }
+    }
+
+    /// Sample the posterior, and say what to run next: false where no emulator follows the simulator, so that the
+    /// weights of the runs have to do.
+    pub(crate) fn draw(&self) -> Result<bool> {
+        let draws = self.file("posterior-weights.txt");
+        let (ensembles, samples) = (self.files_so_far("ensemble.txt"), self.files_so_far("samples.txt"));
+        let verdict = self.file("posterior-verdict.txt");
+        if self.file(FALLBACK).exists() && is_current(&self.file(FALLBACK), &ensembles)? {
+            return Ok(false);
+        }
+        let mut inputs = self.setting.given();
+        inputs.extend(ensembles.clone());
+        if !is_current(&draws, &inputs)? {
+            let _ = std::fs::remove_file(self.file(FALLBACK));
+            let case = self.setting.case;
+            let mut call = Call::new("gl-posterior").flag("-p", case.params());
+            for table in &samples {
+                call = call.flag("-s", table);
+            }
+            let next = runs_of_iteration(case, self.setting.prior, self.number + 1);
+            let call = comparison(call, self.setting.test)
+                .option("--scatter", case.scatter)
+                .option("--seed", Some(case.seed))
+                .option("--next", Some(next))
+                .flag("--next-out", self.file("next.txt"))
+                .flag("--name", &case.name)
+                .option("--iteration", Some(self.number + 1))
+                .option("--threads", case.threads)
+                .flag("--summary", self.file("posterior.txt"))
+                .flag("--run-weights", self.file("posterior-runs-weights.txt"))
+                .flag("--run-summary", self.file("posterior-runs.txt"))
+                .flag("--verdict", &verdict)
+                .flag("-o", &draws)
+                .args(&ensembles);
+            let log = self.file("posterior.log");
+            let _ = std::fs::remove_file(&log);
+            if !self.setting.runner.attempt(&call, &log)? {
+                return self.fall_back("no emulator can be trained; posterior.log says why");
+            }
+        }
+        if let Some(unfit) = Verdicts::read(&verdict)?.find("emulator-unfit") {
+            return self.fall_back(&unfit.text);
+        }
+        copy(&self.file("posterior.txt"), &self.file("summary.txt"))?;
+        Ok(true)
+    }
+
+    /// From here on the weights of the runs have to do.
+    fn fall_back(&self, why: &str) -> Result<bool> {
+        gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs"));
+        for file in ["posterior-runs-weights.txt", "posterior-runs.txt", "posterior-weights.txt"] {
+            let _ = std::fs::remove_file(self.file(file));
+        }
+        write(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;
+        Ok(false)
+    }
+
+    /// The samples that the iteration before asked for.
+    pub(crate) fn take_next(&self, previous: &Path) -> Result<()> {
+        let (next, samples) = (previous.join("next.txt"), self.file("samples.txt"));
+        if is_current(&samples, &[&previous.join("stop.code"), &next])? {
+            return Ok(());
+        }
+        write(&samples, &std::fs::read(&next)?)
+    }
+
+    /// Batches that an emulator asked for were drawn from no density; weights take that of a mixture about the draws
+    /// which they were chosen from.
+    pub(crate) fn propose_backwards(&self) -> Result<()> {
+        for i in 1..=self.number {
+            let (folder, before) = (self.setting.folder(i), self.setting.folder(i - 1));
+            let (proposal, draws) = (folder.join("proposal.txt"), before.join("posterior-weights.txt"));
+            if proposal.exists() {
+                continue;
+            }
+            let unused = folder.join(".unused.txt");
+            let call = Call::new("gl-gmm-resample")
+                .flag("-p", self.setting.case.params())
+                .option("-n", Some(2))
+                .flag("--sampling", "mixture")
+                .flag("--proposal-out", &proposal)
+                .flag("-o", &unused)
+                .arg(&draws);
+            self.setting.runner.must(&call, Messages::Kept(&folder.join("resample.log")))?;
+            let _ = std::fs::remove_file(unused);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,280 @@
+//! One iteration: propose samples, run them, weigh all runs so far, and see whether to stop.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use gl_case::{Case, Engine, Posterior, Test};
+use gl_inference::prior::Prior;
+use gl_inference::summary::enough_runs;
+
+use super::emulated;
+use crate::columns::{comparison, list, simulated, varied_in};
+use crate::step::{Call, Messages, Runner, is_current, make_folder, write};
+
+/// What all iterations of a calibration have in common.
+pub(crate) struct Setting<'a> {
+    pub(crate) case: &'a Case,
+    pub(crate) test: &'a Test,
+    /// The engine and its model; none where the runs are made elsewhere.
+    pub(crate) runs: Option<(Engine, &'a str)>,
+    pub(crate) prior: &'a Prior,
+    /// What was given for the call, where it is kept.
+    pub(crate) settings: Option<PathBuf>,
+    /// Whether to wait for runs in a queue.
+    pub(crate) wait: bool,
+    pub(crate) runner: &'a Runner,
+    pub(crate) out: &'a Path,
+}
+
+impl Setting<'_> {
+    /// What the settings are.
+    pub(crate) fn given(&self) -> Vec<PathBuf> {
+        [self.case.file()].into_iter().chain(self.settings.clone()).collect()
+    }
+
+    pub(crate) fn folder(&self, i: usize) -> PathBuf {
+        self.out.join(format!("iter{i}"))
+    }
+}
+
+/// One iteration of a calibration.
+pub(crate) struct Iteration<'a> {
+    pub(crate) setting: &'a Setting<'a>,
+    pub(crate) number: usize,
+    pub(crate) folder: PathBuf,
+    /// The iteration before.
+    pub(crate) previous: Option<PathBuf>,
+}
+
+impl<'a> Iteration<'a> {
+    pub(crate) fn new(setting: &'a Setting<'a>, number: usize) -> Self {
+        let previous = number.checked_sub(1).map(|i| setting.folder(i));
+        Self { setting, number, folder: setting.folder(number), previous }
+    }
+
+    /// Make all of it that is not there yet: whether a criterion says stop. None where runs are in a queue.
+    pub(crate) fn make(&self) -> Result<Option<bool>> {
+        self.propose()?;
+        if !self.run()? {
+            return Ok(None);
+        }
+        self.judge().map(Some)
+    }
+
+    /// Collect and weigh runs that are there: whether a criterion says stop.
+    pub(crate) fn weigh_all(&self) -> Result<bool> {
+        self.run()?;
+        self.judge()
+    }
+
+    fn judge(&self) -> Result<bool> {
+        if self.is_drawn()? && self.draw()? {
+            return self.stop();
+        }
+        self.propose_backwards()?;
+        self.compare()?;
+        self.weigh()?;
+        self.stop()
+    }
+
+    /// The samples to run: from the prior, then from the weights of the iteration before.
+    pub(crate) fn propose(&self) -> Result<()> {
+        let case = self.setting.case;
+        let samples = self.file("samples.txt");
+        let named = |call: Call, seed: u64| {
+            call.option("--threads", case.threads)
+                .option("--seed", Some(seed))
+                .flag("--name", &case.name)
+                .option("--iteration", Some(self.number))
+        };
+        make_folder(&self.folder)?;
+        let Some(previous) = &self.previous else {
+            let mut inputs = self.setting.given();
+            inputs.push(case.params());
+            if is_current(&samples, &inputs)? {
+                return Ok(());
+            }
+            let call = Call::new("gl-sample").flag("-p", case.params()).option("-n", Some(self.runs()));
+            let call = named(call.option("--effects", list(&case.effects)), case.seed);
+            let is_drawn = case.posterior == Posterior::Emulator;
+            let call = call.option("--method", is_drawn.then_some("sobol"));
+            return self.setting.runner.must(&call.flag("-o", &samples), Messages::Shown);
+        };
+        if self.is_drawn()? {
+            return self.take_next(previous);
+        }
+        let weights = match case.emulated {
+            _ if case.posterior == Posterior::Emulator => previous.join("weights.txt"),
+            0 => previous.join("weights.txt"),
+            _ => emulated::weights(self.setting, self.number - 1)?,
+        };
+        if is_current(&samples, &[previous.join("stop.code"), weights.clone()])? {
+            return Ok(());
+        }
+        let call = Call::new("gl-gmm-resample")
+            .flag("-p", case.params())
+            .option("-n", Some(self.runs()))
+            .option("--components", case.components)
+            .option("--covariance", case.covariance.as_ref())
+            .flag("--sampling", &case.sampling);
+        let call = named(call, case.seed + self.number as u64)
+            .flag("--proposal-out", self.file("proposal.txt"))
+            .flag("-o", &samples)
+            .arg(&weights);
+        self.setting.runner.must(&call, Messages::Kept(&self.file("resample.log")))
+    }
+
+    /// Run the samples and collect the runs: false where they are in a queue.
+    fn run(&self) -> Result<bool> {
+        let (samples, ensemble) = (self.file("samples.txt"), self.file("ensemble.txt"));
+        if is_current(&ensemble, &[&samples, &self.setting.test.obs])? {
+            return Ok(true);
+        }
+        let runs = self.file("runs");
+        if let Some((engine, model)) = self.setting.runs
+            && !run(
+                self.setting.runner,
+                self.setting.case,
+                (engine, model),
+                &samples,
+                &runs,
+                self.setting.wait,
+            )?
+        {
+            return Ok(false);
+        }
+        collect(
+            self.setting.runner,
+            self.setting.case,
+            &self.folder,
+            Messages::Kept(&self.file("collect.log")),
+        )?;
+        Ok(true)
+    }
+
+    /// How far each run is from the measurement.
+    fn compare(&self) -> Result<()> {
+        for i in 0..=self.number {
+            let folder = self.setting.folder(i);
+            let (ensemble, misfit) = (folder.join("ensemble.txt"), folder.join("misfit.txt"));
+            if !is_current(&misfit, &[&ensemble])? {
+                let call = comparison(Call::new("gl-likelihood"), self.setting.test);
+                self.setting.runner.must(&call.flag("-o", &misfit).arg(&ensemble), Messages::Shown)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Weigh all runs so far: tempered, so that enough of them keep weight to draw the next samples from; and as the
+    /// posterior itself. Of what gl-filter writes the weights come last, so that they stand for all of it.
+    fn weigh(&self) -> Result<()> {
+        let misfits = self.files_so_far("misfit.txt");
+        let runner = self.setting.runner;
+        let weights = self.file("weights.txt");
+        if !is_current(&weights, &misfits)? {
+            let (runs, parameters) = varied_in(&self.file("samples.txt"))?;
+            let kept = (self.setting.case.ess * runs as f64).max(enough_runs(parameters) as f64);
+            let call = self
+                .filter()
+                .option("--ess-runs", Some(kept))
+                .flag("--sigma-min", "noise")
+                .flag("--history", self.file("history.txt"))
+                .flag("--summary", self.file("summary.txt"))
+                .flag("-o", &weights);
+            runner.must(&call.args(&misfits), Messages::Kept(&self.file("filter.log")))?;
+        }
+        let weights = self.file("posterior-weights.txt");
+        if !is_current(&weights, &misfits)? {
+            let call = self.filter().flag("--sigma", "noise").flag("--summary", self.file("posterior.txt"));
+            let call = call.flag("-o", &weights).args(&misfits);
+            runner.must(&call, Messages::Kept(&self.file("posterior.log")))?;
+        }
+        Ok(())
+    }
+
+    /// `gl-filter` with all samples so far and what they were drawn from.
+    fn filter(&self) -> Call {
+        let mut call = Call::new("gl-filter").flag("-p", self.setting.case.params());
+        for samples in self.files_so_far("samples.txt") {
+            call = call.flag("-s", samples);
+        }
+        call = call.flag("--proposal", "prior");
+        for proposal in &self.files_so_far("proposal.txt")[1..] {
+            call = call.flag("--proposal", proposal);
+        }
+        call
+    }
+
+    /// Whether a criterion says stop; kept as 0 or, to go on, 1 in `stop.code`.
+    fn stop(&self) -> Result<bool> {
+        let code = self.file("stop.code");
+        let mut inputs = self.setting.given();
+        inputs.push(self.file("posterior-weights.txt"));
+        if is_current(&code, &inputs)? {
+            return Ok(std::fs::read_to_string(&code)?.trim() == "0");
+        }
+        let tolerances = self.setting.case.tolerances;
+        let previous = self.previous.as_ref().map_or("none".into(), |previous| previous.join("summary.txt"));
+        let call = Call::new("gl-check-stop")
+            .option("--sigma-tol", tolerances.sigma)
+            .option("--error-tol", tolerances.error)
+            .option("--ensemble-error-tol", tolerances.ensemble_error)
+            .flag("--previous", previous)
+            .verdict(&self.file("stop-verdict.txt"))
+            .flag("-o", self.file("stop.txt"))
+            .arg(self.file("summary.txt"));
+        let answer = self.setting.runner.call(&call, Messages::Kept(&self.file("stop.log")))?;
+        write(&code, format!("{answer}\n").as_bytes())?;
+        Ok(answer == 0)
+    }
+
+    /// A file of this iteration.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// A file of each iteration up to this one.
+    pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
+        (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
+    }
+}
+
+/// Run the samples of a table: false where they are in a queue, and `wait` is not set.
+///
+/// # Errors
+/// If the engine refuses them, or some were not tried.
+pub(crate) fn run(
+    runner: &Runner,
+    case: &Case,
+    (engine, model): (Engine, &str),
+    samples: &Path,
+    runs: &Path,
+    wait: bool,
+) -> Result<bool> {
+    let mut call = Call::new("gl-run").arg(engine.name()).flag("--case", &case.folder);
+    if case.packed == Some(true) {
+        call = call.arg("--packed");
+    }
+    let leaves = !wait && engine.is_queue();
+    if leaves {
+        call = call.arg("--no-wait");
+    }
+    // Behind the options, since a model may begin with anything.
+    let call = call.arg("--").arg(samples).arg(model).arg(runs);
+    match runner.call(&call, Messages::Shown)? {
+        0 => Ok(true),
+        _ if leaves => Ok(false),
+        _ => bail!("some runs of {} were not tried; call again to go on", samples.display()),
+    }
+}
+
+/// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`.
+pub(crate) fn collect(runner: &Runner, case: &Case, folder: &Path, messages: Messages<'_>) -> Result<()> {
+    let call = Call::new("gl-collect").flag("-s", folder.join("samples.txt"));
+    let call = simulated(call, &case.tests[0])
+        .option("--max-failed", Some(case.max_failed))
+        .flag("--status", folder.join("status.txt"))
+        .flag("-o", folder.join("ensemble.txt"))
+        .arg(folder.join("runs"));
+    runner.must(&call, messages)
+}

@@ -1,0 +1,203 @@
+//! Whether a case can be run, asked before the first run: its tables, the names in it, its model, the engine.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use gl_case::{Case, Engine, Test, suggestion};
+use gl_engine::batch_table::BatchTable;
+use gl_engine::model::{Model, find_program};
+use gl_inference::misfit::{Covariance, Scale};
+use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::prior::Prior;
+use gl_inference::samples::sample_names;
+use gl_table::verdict::Verdicts;
+
+use crate::arguments::Request;
+use crate::forecast::Plan;
+
+/// Check a case, and say what a calibration and a diagnosis of it would take.
+///
+/// # Errors
+/// With all that is wrong.
+pub fn check_case(request: &Request) -> Result<Verdicts> {
+    let case = request.load()?;
+    let (engine, model) = case.engine(request.engine)?;
+    let (prior, observations) = check(&case, engine, model)?;
+    let test = &case.tests[0];
+    let plan = Plan { case: &case, prior: &prior, observations: &observations };
+    let mut verdicts = Verdicts::default();
+    verdicts.add(
+        "case",
+        &case.name,
+        format!(
+            "{}: {} against {} readings of {} on {}; the noise is {}",
+            case.folder.display(),
+            counted(prior.names().len(), "parameter"),
+            observations.steps(),
+            test.observable_names().join(", "),
+            test.control.measured,
+            if observations.noise(&ByName(test.noise.clone()))?.is_some() { "known" } else { "estimated" }
+        ),
+    );
+    verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
+    let out = request.folder("")?;
+    plan.forecast(&out, &request.folder("-diagnosis")?, &mut verdicts)?;
+    let runs = if prior.effects().is_empty() { plan.calibration() } else { plan.diagnosis() };
+    let (needed, free) = plan.room(runs, &out)?;
+    let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");
+    verdicts.add("megabytes", needed, text);
+    Ok(verdicts)
+}
+
+/// `1 run`, `2 runs`.
+pub(crate) fn counted(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
+}
+
+/// Check all of a case that runs depend on, for a driver: the parameters.
+///
+/// # Errors
+/// With all that is wrong, a line each; or if the disk has no room for the runs that the plan says.
+pub(crate) fn ready(
+    case: &Case,
+    (engine, model): (Engine, &str),
+    out: &Path,
+    runs: fn(&Plan<'_>) -> usize,
+) -> Result<Prior> {
+    let (prior, observations) = check(case, engine, model)?;
+    let plan = Plan { case, prior: &prior, observations: &observations };
+    plan.room(runs(&plan), out)?;
+    Ok(prior)
+}
+
+/// Check all of a case that runs depend on: the parameters and the measurement.
+fn check(case: &Case, engine: Engine, model: &str) -> Result<(Prior, Observations)> {
+    let mut problems = Problems::default();
+    let tables = tables(case, &mut problems);
+    if let (Some(prior), _) = &tables {
+        problems.note(check_model(case, engine, model, prior));
+    }
+    problems.finish()?;
+    match tables {
+        (Some(prior), Some(observations)) => Ok((prior, observations)),
+        _ => bail!("{}: no tables", case.folder.display()),
+    }
+}
+
+/// Check the tables of a case and the names in it, for runs that are made elsewhere.
+///
+/// # Errors
+/// With all that is wrong, a line each.
+pub(crate) fn check_tables(case: &Case) -> Result<()> {
+    let mut problems = Problems::default();
+    tables(case, &mut problems);
+    problems.finish()
+}
+
+/// What is wrong, a line each.
+#[derive(Default)]
+struct Problems(Vec<String>);
+
+impl Problems {
+    fn note<T>(&mut self, result: Result<T>) -> Option<T> {
+        result.map_err(|error| self.0.push(format!("{error:#}"))).ok()
+    }
+
+    fn finish(self) -> Result<()> {
+        if self.0.is_empty() { Ok(()) } else { bail!("{}", self.0.join("\n    ")) }
+    }
+}
+
+fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Option<Observations>) {
+    let prior = problems.note(Prior::read(&case.params()));
+    let mut observations = None;
+    for test in &case.tests {
+        observations = problems.note(check_test(test));
+    }
+    problems.note(check_names(case, prior.as_ref()));
+    problems.note(sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
+    (prior, observations)
+}
+
+/// The measurement: that it has the columns, and that runs can be weighed against it.
+fn check_test(test: &Test) -> Result<Observations> {
+    let observations = Observations::read(&test.obs, &test.control.measured, &test.observable_names())?;
+    let noise = observations.noise(&ByName(test.noise.clone()))?;
+    if let Some(steps) = &test.steps {
+        steps.parse::<Steps>()?.within(observations.steps())?;
+    }
+    if noise.is_none() {
+        let scale = match test.scale.as_deref() {
+            Some("value") => Scale::Value,
+            Some("range") => Scale::Range,
+            Some("none") => Scale::None,
+            _ => Scale::Max,
+        };
+        Covariance::scaled(&observations, scale, &ByName(test.weights.clone()))?;
+    }
+    Ok(observations)
+}
+
+fn place(case: &Case, setting: &str) -> String {
+    format!("{}: {}", case.places.of_setting(setting), setting.split('.').next().unwrap_or_default())
+}
+
+/// Names that are in no table.
+fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
+    let Some(prior) = prior else { return Ok(()) };
+    let refuse = |key: &str, name: &str, known: &[String], what: &str| -> Result<()> {
+        if known.iter().any(|other| other == name) {
+            return Ok(());
+        }
+        let others =
+            if known.is_empty() { "there are none".to_owned() } else { suggestion(name, known, "they are") };
+        bail!("{}: no {what} {name}; {others}", place(case, &format!("{key}.{name}")))
+    };
+    let parameters = prior.names();
+    for (name, _) in &case.truth {
+        refuse("truth", name, &parameters, "parameter")?;
+    }
+    let mut axes = parameters.clone();
+    for test in &case.tests {
+        axes.extend([test.control.measured.clone()]);
+        axes.extend(test.observable_names());
+    }
+    for (name, _) in &case.units {
+        refuse("units", name, &axes, "column or parameter")?;
+    }
+    let effects: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
+    for name in &case.effects {
+        refuse("effects", name, &effects, "effect")?;
+    }
+    Ok(())
+}
+
+/// The model, and the programs that the engine needs.
+fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior) -> Result<()> {
+    let needs = |program: &str, what: &str| match find_program(program) {
+        Some(_) => Ok(()),
+        None => bail!("{program} is not installed, which the engine {engine} needs: {what}"),
+    };
+    match engine {
+        Engine::Embedded => {
+            let program = model.split_whitespace().next().unwrap_or_default();
+            if find_program(program).is_none() {
+                bail!("{}: no program {program} in PATH", place(case, "model.embedded"));
+            }
+            return Ok(());
+        }
+        Engine::Local => {}
+        Engine::YadeBatch => needs("yade-batch", "apt-get install yade")?,
+        Engine::Slurm => needs("sbatch", "call this on a login node of the cluster")?,
+        Engine::Pbs => needs("qsub", "call this on a login node of the cluster")?,
+    }
+    let mut columns = vec!["description".to_owned(), "key".to_owned()];
+    columns.extend(case.threads.map(|_| "!OMP_NUM_THREADS".to_owned()));
+    columns.extend(prior.names());
+    let table = BatchTable::parse("the samples", (columns.join("\t") + "\n").into_bytes())?;
+    Model::check(model, &table, &case.folder).with_context(|| place(case, &format!("model.{engine}")))?;
+    if engine == Engine::YadeBatch && !model.trim().ends_with(".py") {
+        bail!("{}: yade-batch runs Yade scripts, which end in .py", place(case, "model.yade-batch"));
+    }
+    Ok(())
+}

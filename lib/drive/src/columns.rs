@@ -1,0 +1,76 @@
+use std::path::Path;
+
+use anyhow::Result;
+use gl_case::{Case, Posterior, Test};
+use gl_inference::design::{batch_runs, first_runs};
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
+
+use crate::step::Call;
+
+/// What is compared with what, as all tools take it: `-b OBS -c CONTROL -v OBSERVABLES`, and the noise.
+pub(crate) fn measurement(call: Call, test: &Test) -> Call {
+    call.flag("-b", &test.obs)
+        .flag("-c", &test.control.measured)
+        .flag("-v", test.observable_names().join(","))
+        .option("--noise", by_name(&test.noise))
+}
+
+/// The same for `gl-collect`, with what the runs call the columns.
+pub(crate) fn simulated(call: Call, test: &Test) -> Call {
+    let observables: Vec<String> = test.observables.iter().map(gl_case::Column::renamed).collect();
+    call.flag("-b", &test.obs).flag("-c", test.control.renamed()).flag("-v", observables.join(","))
+}
+
+/// How runs are weighed against the measurement.
+pub(crate) fn comparison(call: Call, test: &Test) -> Call {
+    measurement(call, test)
+        .option("--scale", test.scale.as_ref())
+        .option("--weights", by_name(&test.weights))
+        .option("--steps", test.steps.as_ref())
+}
+
+/// `f=0.005,t=0.001`, if anything is given.
+fn by_name(rows: &[(String, f64)]) -> Option<String> {
+    let text: Vec<String> = rows.iter().map(|(name, value)| format!("{name}={value:?}")).collect();
+    (!text.is_empty()).then(|| text.join(","))
+}
+
+/// A list with commas, if anything is in it.
+pub(crate) fn list(names: &[String]) -> Option<String> {
+    (!names.is_empty()).then(|| names.join(","))
+}
+
+/// How many parameters vary in a table of samples.
+pub(crate) fn varied_in(samples: &Path) -> Result<(usize, usize)> {
+    let samples = Samples::read(samples)?;
+    let varies = |j: &usize| samples.values.iter().any(|row| row[*j] != samples.values[0][*j]);
+    Ok((samples.len(), (0..samples.parameters.len()).filter(varies).count()))
+}
+
+/// How many parameters vary when these effects are in.
+pub(crate) fn varied(prior: &Prior, effects: &[String]) -> usize {
+    let is_in = |effect: &Option<String>| effect.as_ref().is_none_or(|effect| effects.contains(effect));
+    prior.parameters().iter().filter(|parameter| is_in(&parameter.effect)).count()
+}
+
+/// Runs of an iteration: as the case says. Else, through an emulator, a few a parameter in the first one and small
+/// batches after it; by weights, ten a parameter and ten more.
+pub(crate) fn runs_of_iteration(case: &Case, prior: &Prior, number: usize) -> usize {
+    let parameters = varied(prior, &case.effects);
+    case.num.unwrap_or_else(|| match (case.posterior, number) {
+        (Posterior::Emulator, 0) => first_runs(parameters),
+        (Posterior::Emulator, _) => batch_runs(parameters),
+        _ => weighed_runs(parameters),
+    })
+}
+
+/// Runs of an iteration by weights, where the case says nothing.
+pub(crate) fn weighed_runs(parameters: usize) -> usize {
+    10 * (parameters + 1)
+}
+
+/// Runs of a design in all: as the case says, else 25 for each parameter, those of effects too.
+pub(crate) fn runs_of_design(case: &Case, prior: &Prior) -> usize {
+    case.design_num.unwrap_or(25 * prior.parameters().len())
+}

@@ -1,0 +1,604 @@
+//! The posterior of the parameters through an emulator.
+//!
+//! A run of the simulator is dear and one of its emulator cheap, so the posterior is sampled through the
+//! emulator, with what this does not know as a part of the covariance; see [`likelihood`]. [`infer`] trains
+//! the emulator where it matters, holds the noise against what was stated, samples by [`smc`] and says how
+//! far all this can be trusted; [`Inference::next_runs`] says which runs would tell most.
+
+mod batch;
+pub mod likelihood;
+pub mod mixture;
+pub mod noise;
+mod proof;
+pub mod smc;
+pub mod space;
+pub mod summary;
+pub mod surrogate;
+
+use std::collections::HashSet;
+
+use anyhow::{Result, ensure};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::{Observations, range};
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
+use gl_numeric::sequence::{self, Method};
+use gl_numeric::statistics::{mean, sd};
+use gl_progress::stage;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, PRIOR_SHARE, Posterior, Start};
+use mixture::LocalMixture;
+use noise::ChiSquare;
+pub use proof::Proof;
+use smc::{Effort, Population, sample};
+use space::Space;
+use surrogate::{MOST_CALIBRATION, Ranked, Surrogate};
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub struct Question<'a> {
+    /// The parameters and their prior.
+    pub prior: &'a Prior,
+    /// Samples of the runs.
+    pub samples: &'a Samples,
+    /// The runs.
+    pub ensemble: &'a Ensemble,
+    /// The measurement.
+    pub observations: &'a Observations,
+    /// Standard deviation of its noise, shape (observables, steps), if it is known.
+    pub noise: Option<&'a [Vec<f64>]>,
+    /// Where it is not known: what the noise is a share of, shape (observables, steps); the largest value of each
+    /// observable if absent.
+    pub scale: Option<&'a [Vec<f64>]>,
+    /// Steps that are compared.
+    pub steps: std::ops::Range<usize>,
+    /// Names of the samples of the newest batch, which the runs before are asked to predict; none for the
+    /// first batch.
+    pub newest: &'a [String],
+}
+
+/// What may be chosen.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Share of the variance of the simulation's scatter that the measurement has too; estimated with the
+    /// fit if absent.
+    pub scatter: Option<f64>,
+    /// Whether the noise is taken as stated, whatever the residuals say.
+    pub noise_as_stated: bool,
+    /// Number of draws.
+    pub draws: usize,
+    /// Seed.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { scatter: None, noise_as_stated: false, draws: 1000, seed: 0 }
+    }
+}
+
+/// A posterior and what it rests on.
+#[derive(Clone, Debug)]
+pub struct Inference {
+    /// The space that was sampled.
+    pub space: Space,
+    /// Draws of equal weight in its coordinates, nuisances behind the parameters, shape (draws, dimensions).
+    pub points: Vec<Vec<f64>>,
+    /// Values of all parameters, shape (draws, parameters).
+    pub values: Vec<Vec<f64>>,
+    /// Misfit of each draw, rᵀΣ⁻¹r, shape (draws,).
+    pub misfit: Vec<f64>,
+    /// Mean over observables and steps of |r| over the observable's range, shape (draws,).
+    pub error: Vec<f64>,
+    /// ln of the evidence.
+    pub ln_evidence: f64,
+    /// The emulator.
+    pub surrogate: Surrogate,
+    /// What is not known of the noise.
+    pub nuisances: Nuisances,
+    /// Noise and scatter at each draw.
+    pub noise: Vec<NoiseAt>,
+    /// How the best fit compares with the noise as stated, with its scatter and correlation; absent where
+    /// the noise was not stated.
+    pub chi_square: Option<ChiSquare>,
+    /// Independent readings among the residuals of the best fit.
+    pub independent_readings: f64,
+    /// Standard deviation of ln likelihood within the posterior by what the emulator does not know, the root of
+    /// its mean square; see [`Likelihood::ignorance`].
+    pub ignorance: f64,
+    /// Largest change of a mean, in standard deviations, if the emulator were exact.
+    pub shift_if_known: f64,
+    /// Smallest ratio of a standard deviation if the emulator were exact.
+    pub ratio_if_known: f64,
+    /// How the newest batch came out against what was predicted of it.
+    pub proof: Option<Proof>,
+    /// The runs, from the best.
+    pub runs: Vec<Run>,
+    /// Names of the observables.
+    pub observables: Vec<String>,
+    /// Whether the residuals of each are correlated from step to step.
+    pub correlated: Vec<bool>,
+    /// Where they stand, in the same order, shape (runs, parameters that vary).
+    pub places: Vec<Vec<f64>>,
+    measured: Measured,
+}
+
+/// A real run beside the posterior.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Name of its sample.
+    pub name: String,
+    /// Its misfit with the noise alone, summed.
+    pub misfit: f64,
+    /// Mean over observables and steps of |r| over the observable's range.
+    pub error: f64,
+}
+
+/// Particles for a first look, and for the posterior.
+const FIRST_PARTICLES: usize = 600;
+const PARTICLES: usize = 2000;
+
+/// From so many runs a parameter, and so many more, an emulator must follow the simulator.
+const ENOUGH_RUNS: (usize, usize) = (15, 10);
+
+/// Errors of the newest batch, in standard deviations of what was predicted, and of the runs near the posterior,
+/// in those of the noise and by their kurtosis, from which a simulator is too rough for an emulator.
+const UNFIT_Z: f64 = 3.0;
+const UNFIT_ERROR: f64 = 1.0;
+const UNFIT_KURTOSIS: f64 = 9.0;
+
+/// Probability below which a batch is not as it was predicted.
+const DISPROVEN: f64 = 0.01;
+
+/// Draws whose likelihoods are compared in pairs.
+const PAIRED: usize = 400;
+
+/// Below this share of the noise's variance, the simulation's scatter makes no difference.
+const SCATTER_COUNTS: f64 = 0.02;
+
+/// The posterior of the parameters that vary from sample to sample.
+///
+/// The result depends on neither the number of threads nor the order of the runs.
+///
+/// # Errors
+/// If no emulator can be trained, or nothing in the prior has a density above zero.
+pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
+    ensure!(
+        question.ensemble.is_empty() || question.ensemble.curve_sd(0, 0).is_none(),
+        "{}: has _sd columns; an emulator is trained on runs, not on what an emulator predicted",
+        question.ensemble.source
+    );
+    let stage = stage("sampling the posterior", 3);
+    let observations = question.observations.part(question.steps.clone());
+    let runs: Vec<usize> = (0..question.ensemble.len()).collect();
+    let ensemble = question.ensemble.part(&runs, question.steps.clone());
+    let measured = measured(question, &observations)?;
+    let space = Space::new(question.prior, question.samples)?;
+    let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
+
+    // A first look, with an emulator of few runs, from the whole prior.
+    let first = ranked.first_look(&measured, options.seed)?;
+    let nuisances = nuisances(&first, &space, &measured, options);
+    let likelihood = Likelihood::new(&first.emulator, &space, &measured, first.calibration, nuisances);
+    let posterior = Posterior { likelihood: &likelihood, space: &space, start: None };
+    let start = from_prior(&space, likelihood.nuisances().len(), FIRST_PARTICLES, options.seed)?;
+    let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed: options.seed };
+    let population = sample(&posterior, start, effort)?;
+    stage.advance();
+
+    let ranked = ranked.by_prediction(&first.emulator, &measured)?;
+    let mut surrogate = ranked.best(&measured, options.seed)?;
+    let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
+    let proof = if newest.is_empty() {
+        None
+    } else {
+        proof::prove(&ranked, &newest, &measured, surrogate.recipe, &space, question.samples, options.seed)?
+    };
+    if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
+        // What was predicted too boldly may well be so again: of both widths the larger.
+        surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
+    }
+    stage.advance();
+    let near = ranked.places()?.into_iter().take(ranked.near()).collect();
+    let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
+    let outcome = sampler.settle(likelihood.nuisances(), &population)?;
+    stage.advance();
+
+    finish(
+        space.clone(),
+        surrogate,
+        measured,
+        outcome,
+        proof,
+        &ranked,
+        (question.samples, &ensemble),
+        options,
+    )
+}
+
+fn measured(question: &Question<'_>, observations: &Observations) -> Result<Measured> {
+    let steps = observations.steps();
+    let ranges: Vec<f64> = observations
+        .values
+        .iter()
+        .map(|values| {
+            let size = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+            [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
+        })
+        .collect();
+    let base = match question.noise.or(question.scale) {
+        Some(noise) => noise.iter().flat_map(|noise| noise[question.steps.clone()].to_vec()).collect(),
+        // As the filter has it: the largest value.
+        None => {
+            let sizes = observations.values.iter().zip(&ranges).map(|(values, range)| {
+                let largest = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+                if largest > 0.0 { largest } else { *range }
+            });
+            sizes.flat_map(|size| vec![size; steps]).collect()
+        }
+    };
+    Ok(Measured {
+        values: observations.values.concat(),
+        base,
+        is_known: question.noise.is_some(),
+        steps,
+        ranges,
+    })
+}
+
+/// What is not known of the noise, before the residuals have been looked at.
+fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Options) -> Nuisances {
+    let mut nuisances = Nuisances {
+        scatter: Some(options.scatter.unwrap_or(1.0)),
+        ln_noise: None,
+        inflation: false,
+        correlation: vec![false; measured.observables()],
+    };
+    if !measured.is_known {
+        let share = |j: usize| measured.ranges[j] / measured.base[j * measured.steps];
+        let shares: Vec<f64> = (0..measured.observables()).map(share).collect();
+        let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = shares.iter().copied().fold(0.0, f64::max);
+        nuisances.ln_noise = Some(((1e-5 * least).ln(), (2.0 * most).ln()));
+    }
+    if options.scatter.is_none() && scatter_counts(first, space, measured, &nuisances) {
+        nuisances.scatter = None;
+    }
+    nuisances
+}
+
+/// Whether the simulation's scatter is large enough to make a difference.
+fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nuisances: &Nuisances) -> bool {
+    let emulator = &surrogate.emulator;
+    let exact = NoiseAt { scatter: 0.0, variance: 1.0, correlation: vec![0.0; measured.observables()] };
+    let likelihood = Likelihood::new(emulator, space, measured, 1.0, nuisances.clone());
+    let importance = likelihood.importance(&exact);
+    let counts: f64 =
+        emulator.nugget().iter().enumerate().map(|(c, nugget)| nugget * importance[(c, c)]).sum();
+    // Where the noise is not known, what counts is not either.
+    !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
+}
+
+/// Points of the prior, shape (count, dimensions).
+fn from_prior(space: &Space, nuisances: usize, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
+    let d = space.len();
+    let points = sequence::points(Method::Halton, count, d + nuisances, Some(seed))?;
+    let place = |u: Vec<f64>| {
+        let mut point = space.quantile(&u[..d]);
+        point.extend(&u[d..]);
+        point
+    };
+    Ok(points.into_iter().map(place).collect())
+}
+
+/// What sampling gives.
+struct Outcome {
+    population: Population,
+    nuisances: Nuisances,
+    correlated: Vec<bool>,
+    chi_square: Option<ChiSquare>,
+}
+
+/// Samples a posterior through one emulator.
+struct Sampler<'a> {
+    surrogate: &'a Surrogate,
+    space: &'a Space,
+    measured: &'a Measured,
+    options: Options,
+    /// Where the runs that fit best stand.
+    near: Vec<Vec<f64>>,
+}
+
+/// A point of a likelihood this much above all draws shows that these lie elsewhere, in ln.
+const MISSED: f64 = 5.0;
+
+impl Sampler<'_> {
+    fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
+        let Self { surrogate, space, measured, .. } = self;
+        Likelihood::new(&surrogate.emulator, space, measured, surrogate.calibration, nuisances)
+    }
+
+    /// The posterior, from near that of the first look, with the noise as the residuals say it is.
+    fn settle(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
+        let mut correlated = self.correlated(nuisances, &first.points);
+        let mut nuisances = self.with_correlation(nuisances, &correlated);
+        let mut population = self.sample(&nuisances, &first.points)?;
+        let mut best = self.best(&nuisances, &population);
+        let mut test = self.test(best.1, &population)?;
+        if test.is_some_and(ChiSquare::is_worse) || self.is_missed(&nuisances, &best) {
+            // The first look may have seen the wrong place: again, from the whole prior.
+            let plain = Nuisances { correlation: vec![false; correlated.len()], ..nuisances.clone() };
+            let again = self.from_whole_prior(&plain)?;
+            if self.best(&plain, &again).1.ln > best.1.ln + MISSED {
+                correlated = self.correlated(&plain, &again.points);
+                nuisances = self.with_correlation(&plain, &correlated);
+                population = if nuisances == plain { again } else { self.sample(&nuisances, &again.points)? };
+                best = self.best(&nuisances, &population);
+                test = self.test(best.1, &population)?;
+            }
+        }
+        if test.is_some_and(ChiSquare::is_worse) && !self.options.noise_as_stated {
+            nuisances.inflation = true;
+            population = self.sample(&nuisances, &parameters_of(&population, self.space))?;
+        }
+        Ok(Outcome { population, nuisances, correlated, chi_square: test })
+    }
+
+    /// The observables whose residuals are correlated, given points whose nuisances have no correlation.
+    fn correlated(&self, nuisances: &Nuisances, points: &[Vec<f64>]) -> Vec<bool> {
+        let extra = self.measured.observables();
+        let likelihood = self.likelihood(Nuisances { correlation: vec![true; extra], ..nuisances.clone() });
+        let mut points = points.to_vec();
+        points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
+        noise::correlated(&likelihood, &fittest(&likelihood, points, 40), self.measured)
+    }
+
+    fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
+        let is_fixed = self.options.noise_as_stated && self.measured.is_known;
+        let correlation = correlated.iter().map(|is| *is && !is_fixed).collect();
+        Nuisances { correlation, ..nuisances.clone() }
+    }
+
+    /// The draw that fits best, and how well.
+    fn best(&self, nuisances: &Nuisances, population: &Population) -> (Vec<f64>, likelihood::Fit) {
+        let likelihood = self.likelihood(nuisances.clone());
+        let best = fittest(&likelihood, population.points.clone(), 1).swap_remove(0);
+        let fit = likelihood.fit(&best);
+        (best, fit)
+    }
+
+    /// Whether a run that was made stands where the likelihood is far above that of all draws.
+    fn is_missed(&self, nuisances: &Nuisances, (best, fit): &(Vec<f64>, likelihood::Fit)) -> bool {
+        let likelihood = self.likelihood(nuisances.clone());
+        self.near.iter().any(|place| {
+            let mut x = place.clone();
+            x.extend(&best[self.space.len()..]);
+            likelihood.fit(&x).ln > fit.ln + MISSED
+        })
+    }
+
+    fn test(&self, fit: likelihood::Fit, population: &Population) -> Result<Option<ChiSquare>> {
+        if !self.measured.is_known {
+            return Ok(None);
+        }
+        let taken = noise::decided(&population.points, &prior_sd(self.space)?);
+        Ok(Some(ChiSquare::new(fit, self.measured.values.len(), taken)))
+    }
+
+    /// Sample from the whole prior on.
+    fn from_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
+        let likelihood = self.likelihood(nuisances.clone());
+        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: None };
+        let seed = self.options.seed ^ 0x411;
+        let start = from_prior(self.space, nuisances.len(), PARTICLES, seed)?;
+        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed })
+    }
+
+    /// Sample from a mixture about points that are near the posterior, shape (points, first dimensions).
+    fn sample(&self, nuisances: &Nuisances, near: &[Vec<f64>]) -> Result<Population> {
+        let seed = self.options.seed;
+        let likelihood = self.likelihood(nuisances.clone());
+        let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xba5e);
+        let known = near[0].len().min(likelihood.dimensions());
+        let near: Vec<Vec<f64>> = near.iter().map(|x| x[..known].to_vec()).collect();
+        let mixture = LocalMixture::new(&near, 200, 2.0, &mut generator);
+        let large = from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed)?;
+        let is_inside = |x: &[f64]| x.iter().all(|x| (0.0..=1.0).contains(x));
+        let mut start = Vec::with_capacity(PARTICLES);
+        for point in large {
+            // Both shares are drawn again where the mixture falls outside the cube.
+            let drawn = loop {
+                if generator.random_bool(PRIOR_SHARE) {
+                    break None;
+                }
+                let drawn = mixture.draw(&mut generator);
+                if is_inside(&drawn) {
+                    break Some(drawn);
+                }
+            };
+            start.push(match drawn {
+                Some(mut drawn) => {
+                    drawn.extend(&point[known..]);
+                    drawn
+                }
+                None => point,
+            });
+        }
+        let start_density = Some(Start { mixture, dimensions: known });
+        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: start_density };
+        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed: seed ^ 0xf00d })
+    }
+}
+
+fn parameters_of(population: &Population, space: &Space) -> Vec<Vec<f64>> {
+    population.points.iter().map(|x| x[..space.len()].to_vec()).collect()
+}
+
+/// Standard deviation of the prior in each coordinate that varies.
+fn prior_sd(space: &Space) -> Result<Vec<f64>> {
+    let points = from_prior(space, 0, 500, 0)?;
+    let weights = vec![1.0 / points.len() as f64; points.len()];
+    Ok((0..space.len()).map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &weights)).collect())
+}
+
+/// The points of the highest likelihood.
+fn fittest(likelihood: &Likelihood<'_>, points: Vec<Vec<f64>>, count: usize) -> Vec<Vec<f64>> {
+    let mut fits: Vec<(f64, Vec<f64>)> = points.into_par_iter().map(|x| (likelihood.fit(&x).ln, x)).collect();
+    fits.sort_by(|a, b| b.0.total_cmp(&a.0));
+    fits.truncate(count);
+    fits.into_iter().map(|(_, x)| x).collect()
+}
+
+#[allow(clippy::too_many_arguments)]
+fn finish(
+    space: Space,
+    surrogate: Surrogate,
+    measured: Measured,
+    outcome: Outcome,
+    proof: Option<Proof>,
+    ranked: &Ranked<'_>,
+    (samples, ensemble): (&Samples, &Ensemble),
+    options: Options,
+) -> Result<Inference> {
+    let Outcome { population, nuisances, correlated, chi_square } = outcome;
+    let likelihood =
+        Likelihood::new(&surrogate.emulator, &space, &measured, surrogate.calibration, nuisances.clone());
+    let points = thinned(&population.points, options.draws, options.seed);
+    let curves: Vec<Vec<f64>> = points
+        .par_iter()
+        .map(|x| {
+            let scores = surrogate.emulator.mean_scores(&space.coordinates(x));
+            let curve = surrogate.emulator.centre()
+                + surrogate.emulator.basis() * nalgebra::DVector::from_vec(scores);
+            measured.values.iter().zip(curve.iter()).map(|(seen, y)| seen - y).collect()
+        })
+        .collect();
+    let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
+    let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
+    let error = |residual: &Vec<f64>| {
+        let shares = residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[o / measured.steps]);
+        shares.sum::<f64>() / residual.len() as f64
+    };
+    let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
+    let squares: Vec<f64> = points[..PAIRED.min(points.len())]
+        .par_chunks_exact(2)
+        .zip(noise.par_chunks_exact(2))
+        .map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], &noise[0]))
+        .collect();
+    let ignorance = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
+    let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
+    let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
+    let index = samples.index();
+    let mut order = ranked.order.clone();
+    order.sort_by(|&a, &b| {
+        let names = || ensemble.samples[a].cmp(&ensemble.samples[b]);
+        ranked.misfit[a].total_cmp(&ranked.misfit[b]).then_with(names)
+    });
+    let places = order
+        .iter()
+        .map(|&run| {
+            index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i]))
+        })
+        .collect();
+    let run = |&run: &usize| {
+        let curve = ensemble.curves(run).concat();
+        let residual = measured.values.iter().zip(&curve).map(|(seen, y)| seen - y).collect();
+        Run { name: ensemble.samples[run].clone(), misfit: ranked.misfit[run], error: error(&residual) }
+    };
+    let runs = order.iter().map(run).collect();
+    Ok(Inference {
+        values: points.iter().map(|x| space.values(x)).collect(),
+        misfit: fits.iter().map(|fit| fit.square).collect(),
+        error: curves.iter().map(error).collect(),
+        ln_evidence: population.ln_evidence,
+        independent_readings: noise::readings(&curves[best], &measured),
+        chi_square,
+        ignorance,
+        shift_if_known,
+        ratio_if_known,
+        proof,
+        runs,
+        observables: ensemble.observables.clone(),
+        correlated,
+        places,
+        noise,
+        nuisances,
+        points,
+        measured,
+        surrogate,
+        space,
+    })
+}
+
+/// Some of the points, evenly from a random order; all of them and some again where more are wanted.
+fn thinned(points: &[Vec<f64>], count: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xd4a3);
+    let order = rand::seq::index::sample(&mut generator, points.len(), points.len()).into_vec();
+    order.iter().cycle().take(count).map(|&i| points[i].clone()).collect()
+}
+
+/// How mean and standard deviation would change if the emulator's mean were exact: the largest shift in
+/// standard deviations, and the smallest ratio.
+fn if_known(
+    likelihood: &Likelihood<'_>,
+    points: &[Vec<f64>],
+    fits: &[likelihood::Fit],
+    parameters: usize,
+) -> (f64, f64) {
+    let ln_weight: Vec<f64> =
+        points.par_iter().zip(fits).map(|(x, fit)| likelihood.fit_if_known(x).ln - fit.ln).collect();
+    let Ok(weights) = gl_numeric::statistics::normalised(&ln_weight) else { return (f64::INFINITY, 0.0) };
+    let even = vec![1.0 / points.len() as f64; points.len()];
+    let (mut shift, mut ratio) = (0.0_f64, f64::INFINITY);
+    for j in 0..parameters {
+        let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
+        let spread = sd(&column, &even).max(f64::MIN_POSITIVE);
+        shift = shift.max((mean(&column, &weights) - mean(&column, &even)).abs() / spread);
+        ratio = ratio.min(sd(&column, &weights) / spread);
+    }
+    (shift, ratio)
+}
+
+impl Inference {
+    /// Parameters of `count` runs that would tell most, shape (count, parameters), the most useful first.
+    ///
+    /// # Errors
+    /// If there are more parameters than a sequence has dimensions.
+    pub fn next_runs(&self, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
+        let likelihood = Likelihood::new(
+            &self.surrogate.emulator,
+            &self.space,
+            &self.measured,
+            self.surrogate.calibration,
+            self.nuisances.clone(),
+        );
+        let importance = likelihood.importance(&self.noise[0]).diagonal().iter().copied().collect();
+        let draws: Vec<Vec<f64>> = self.points.iter().map(|x| x[..self.space.len()].to_vec()).collect();
+        let choice = batch::Choice {
+            emulator: &self.surrogate.emulator,
+            space: &self.space,
+            draws: &draws,
+            runs: &self.places,
+            importance,
+            calibration: self.surrogate.calibration,
+        };
+        Ok(choice.next(count, seed)?.iter().map(|x| self.space.values(x)).collect())
+    }
+
+    /// Whether no emulator follows the simulator, with runs enough to: the newest batch is far from what was
+    /// predicted of it, or errors are large now and then that are small otherwise.
+    pub fn is_unfit(&self) -> bool {
+        let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
+        let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
+        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
+        is_enough && (is_far || is_rough)
+    }
+
+    /// The measurement as it was compared.
+    pub fn measured(&self) -> &Measured {
+        &self.measured
+    }
+}

@@ -1,0 +1,453 @@
+//! The density of a measurement given the parameters, through an emulator.
+//!
+//! y = f(θ) + noise, with f(θ) normal about the emulator's mean: y ~ N(c + B μ(θ), D + B C(θ) Bᵀ). B are the
+//! principal components, μ the mean of their scores, C(θ) the covariance of the scores: what the emulator
+//! does not know of them, and the share of the simulation's scatter that the measurement has too. Both are
+//! errors along the whole control and so correlated along it. D is the noise, independent from reading to
+//! reading or a first-order autoregression. By the identity of Woodbury a likelihood needs matrices of
+//! the components' number only.
+
+use gl_numeric::statistics::ln_sum_exp;
+use nalgebra::{DMatrix, DVector};
+
+use super::smc::Target;
+use super::space::Space;
+use crate::Emulator;
+use crate::cholesky::{Cholesky, Square, dot};
+
+/// What was measured; all observables behind each other, each at all steps.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Readings, shape (observables · steps).
+    pub values: Vec<f64>,
+    /// Standard deviation of their noise; where it is not known, what it is a share of.
+    pub base: Vec<f64>,
+    /// Whether it is known.
+    pub is_known: bool,
+    /// Number of steps.
+    pub steps: usize,
+    /// Range of each observable, shape (observables,).
+    pub ranges: Vec<f64>,
+}
+
+impl Measured {
+    /// Σ (r / base)² for simulated readings, shape (observables · steps).
+    pub fn misfit(&self, simulated: &[f64]) -> f64 {
+        let pairs = self.values.iter().zip(simulated).zip(&self.base);
+        pairs.map(|((seen, simulated), base)| ((seen - simulated) / base).powi(2)).sum()
+    }
+
+    /// Number of observables.
+    pub fn observables(&self) -> usize {
+        self.ranges.len()
+    }
+}
+
+/// What is not known of the noise and has a coordinate of its own, behind those of the parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nuisances {
+    /// Share of the simulation's scatter in the measurement; a coordinate if absent.
+    pub scatter: Option<f64>,
+    /// ln of the noise over its base, lowest and highest, where the noise is not known.
+    pub ln_noise: Option<(f64, f64)>,
+    /// Whether the noise may be larger than stated.
+    pub inflation: bool,
+    /// Whether each observable's noise may be correlated from step to step.
+    pub correlation: Vec<bool>,
+}
+
+/// The largest factor on a stated noise.
+const LARGEST_INFLATION: f64 = 10.0;
+
+/// The largest correlation from step to step.
+const LARGEST_CORRELATION: f64 = 0.98;
+
+/// Where the nuisances of a point stand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseAt {
+    /// Share of the scatter.
+    pub scatter: f64,
+    /// Variance of the noise over that of its base.
+    pub variance: f64,
+    /// Correlation of each observable's noise from step to step.
+    pub correlation: Vec<f64>,
+}
+
+impl Nuisances {
+    /// Number of coordinates.
+    pub fn len(&self) -> usize {
+        usize::from(self.scatter.is_none())
+            + usize::from(self.ln_noise.is_some())
+            + usize::from(self.inflation)
+            + self.correlation.iter().filter(|is_free| **is_free).count()
+    }
+
+    /// Whether everything is known.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// What coordinates, shape (len,), stand for. The share of the scatter is 1 with probability ½ and else even
+    /// between 0 and 1; noise and inflation are even in the logarithm (Jeffreys), correlations even.
+    pub fn at(&self, coordinates: &[f64]) -> NoiseAt {
+        let mut rest = coordinates.iter().copied();
+        let mut next = || rest.next().unwrap_or(0.0);
+        let scatter = self.scatter.unwrap_or_else(|| (2.0 * next()).min(1.0));
+        let mut ln_sd = 0.0;
+        if let Some((low, high)) = self.ln_noise {
+            ln_sd += low + (high - low) * next();
+        }
+        if self.inflation {
+            ln_sd += LARGEST_INFLATION.ln() * next();
+        }
+        let correlation =
+            self.correlation.iter().map(|is_free| if *is_free { LARGEST_CORRELATION * next() } else { 0.0 });
+        NoiseAt { scatter, correlation: correlation.collect(), variance: (2.0 * ln_sd).exp() }
+    }
+
+    /// The coordinate of a correlation.
+    pub fn of_correlation(correlation: f64) -> f64 {
+        correlation / LARGEST_CORRELATION
+    }
+}
+
+/// A quadratic form of the residual in the scores: c − 2 aᵀμ + μᵀGμ.
+#[derive(Clone, Debug, Default)]
+struct Quadratic {
+    g: Vec<f64>,
+    a: Vec<f64>,
+    c: f64,
+}
+
+impl Quadratic {
+    fn zeros(k: usize) -> Self {
+        Self { g: vec![0.0; k * k], a: vec![0.0; k], c: 0.0 }
+    }
+
+    fn add(&mut self, factor: f64, other: &Self) {
+        self.g.iter_mut().zip(&other.g).for_each(|(x, y)| *x += factor * y);
+        self.a.iter_mut().zip(&other.a).for_each(|(x, y)| *x += factor * y);
+        self.c += factor * other.c;
+    }
+
+    /// Add the product of two readings' patterns and residuals, made symmetric.
+    fn add_product(&mut self, (w, e): (&[f64], f64), (v, f): (&[f64], f64)) {
+        let k = self.a.len();
+        for i in 0..k {
+            for j in 0..k {
+                self.g[i * k + j] += 0.5 * (w[i] * v[j] + v[i] * w[j]);
+            }
+            self.a[i] += 0.5 * (w[i] * f + v[i] * e);
+        }
+        self.c += e * f;
+    }
+}
+
+/// One observable. The inverse correlation of a first-order autoregression is
+/// (I − φ S + φ² E)/(1 − φ²): S has ones beside the diagonal, E is I without its first and last entry.
+#[derive(Clone, Debug)]
+struct Block {
+    steps: f64,
+    ln_base: f64,
+    identity: Quadratic,
+    beside: Quadratic,
+    inner: Quadratic,
+    /// Variance that the components leave over, relative to the base: truncation, and scatter.
+    leftover: (f64, f64),
+}
+
+/// The likelihood of a measurement through an emulator.
+#[derive(Clone, Debug)]
+pub struct Likelihood<'a> {
+    emulator: &'a Emulator,
+    space: &'a Space,
+    blocks: Vec<Block>,
+    /// Lower factor of the correlation of the scores' errors.
+    correlation: Square,
+    /// Variance of each score by the simulation's scatter.
+    nugget: Vec<f64>,
+    /// What the emulator's variance is multiplied by.
+    calibration: f64,
+    nuisances: Nuisances,
+}
+
+/// A likelihood with what it is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// ln of the density.
+    pub ln: f64,
+    /// rᵀ Σ⁻¹ r.
+    pub square: f64,
+}
+
+/// The forms of all observables at one noise, put together.
+struct Joint {
+    quadratic: Quadratic,
+    ln_determinant: f64,
+}
+
+impl<'a> Likelihood<'a> {
+    /// * `calibration` — what the emulator's variance is multiplied by, so that its errors are as large as
+    ///   it says.
+    pub fn new(
+        emulator: &'a Emulator,
+        space: &'a Space,
+        measured: &Measured,
+        calibration: f64,
+        nuisances: Nuisances,
+    ) -> Self {
+        let k = emulator.basis().ncols();
+        let nugget = emulator.nugget();
+        // Where the last components are nothing but scatter, so is what they leave over.
+        let last = nugget.iter().skip(k - k.div_ceil(4));
+        let scatter_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
+        let block = |j: usize| {
+            let outputs = j * measured.steps..(j + 1) * measured.steps;
+            let rows: Vec<(Vec<f64>, f64)> = outputs
+                .clone()
+                .map(|o| {
+                    let base = measured.base[o];
+                    let pattern = emulator.basis().row(o).iter().map(|b| b / base).collect();
+                    (pattern, (measured.values[o] - emulator.centre()[o]) / base)
+                })
+                .collect();
+            let mut block = Block {
+                steps: measured.steps as f64,
+                ln_base: outputs.clone().map(|o| 2.0 * measured.base[o].ln()).sum(),
+                identity: Quadratic::zeros(k),
+                beside: Quadratic::zeros(k),
+                inner: Quadratic::zeros(k),
+                leftover: (0.0, 0.0),
+            };
+            for (t, (row, e)) in rows.iter().enumerate() {
+                block.identity.add_product((row, *e), (row, *e));
+                if t > 0 && t + 1 < rows.len() {
+                    block.inner.add_product((row, *e), (row, *e));
+                }
+                if let Some((next, f)) = rows.get(t + 1) {
+                    block.beside.add_product((row, *e), (next, *f));
+                    block.beside.add_product((next, *f), (row, *e));
+                }
+            }
+            let leftover = outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>()
+                / measured.steps as f64;
+            block.leftover = ((1.0 - scatter_share) * leftover, scatter_share * leftover);
+            block
+        };
+        let correlation = {
+            let mut lower = Square::zeros(k);
+            for i in 0..k {
+                for j in 0..=i {
+                    lower.row_mut(i)[j] = emulator.correlation()[(i, j)];
+                }
+            }
+            Cholesky::new(&lower).map_or_else(|_| unit(k), |cholesky| cholesky.lower().clone())
+        };
+        let blocks = (0..measured.observables()).map(block).collect();
+        Self { emulator, space, blocks, correlation, nugget, calibration, nuisances }
+    }
+
+    /// Number of coordinates: parameters, then nuisances.
+    pub fn dimensions(&self) -> usize {
+        self.space.len() + self.nuisances.len()
+    }
+
+    /// What is not known of the noise.
+    pub fn nuisances(&self) -> &Nuisances {
+        &self.nuisances
+    }
+
+    /// Noise and scatter at a point.
+    pub fn noise_at(&self, x: &[f64]) -> NoiseAt {
+        self.nuisances.at(&x[self.space.len()..])
+    }
+
+    /// Where the observable's own correlation stands among the coordinates, if it has one.
+    pub fn place_of_correlation(&self, observable: usize) -> Option<usize> {
+        if !self.nuisances.correlation[observable] {
+            return None;
+        }
+        let after = self.nuisances.correlation[observable..].iter().filter(|is_free| **is_free).count();
+        Some(self.dimensions() - after)
+    }
+
+    fn joint(&self, noise: &NoiseAt) -> Joint {
+        let k = self.nugget.len();
+        let mut joint = Joint { quadratic: Quadratic::zeros(k), ln_determinant: 0.0 };
+        for (block, &phi) in self.blocks.iter().zip(&noise.correlation) {
+            let variance = noise.variance + block.leftover.0 + noise.scatter * block.leftover.1;
+            let factor = 1.0 / (variance * (1.0 - phi * phi));
+            joint.quadratic.add(factor, &block.identity);
+            joint.ln_determinant += block.ln_base + block.steps * variance.ln();
+            if phi > 0.0 {
+                joint.quadratic.add(-phi * factor, &block.beside);
+                joint.quadratic.add(phi * phi * factor, &block.inner);
+                joint.ln_determinant += (block.steps - 1.0) * (1.0 - phi * phi).ln();
+            }
+        }
+        joint
+    }
+
+    /// ln of the density of the measurement at a point, shape (dimensions,).
+    pub fn fit(&self, x: &[f64]) -> Fit {
+        let (mean, variance) = self.emulator.predict_scores(&self.space.coordinates(x));
+        self.of_scores(&mean, &variance, &self.noise_at(x), self.calibration)
+    }
+
+    /// The same if the emulator were exact.
+    pub fn fit_if_known(&self, x: &[f64]) -> Fit {
+        let mean = self.emulator.mean_scores(&self.space.coordinates(x));
+        self.of_scores(&mean, &vec![0.0; mean.len()], &self.noise_at(x), 1.0)
+    }
+
+    fn of_scores(&self, mean: &[f64], variance: &[f64], noise: &NoiseAt, calibration: f64) -> Fit {
+        let k = mean.len();
+        let Joint { quadratic, ln_determinant } = self.joint(noise);
+        let g_mean: Vec<f64> = (0..k).map(|i| dot(&quadratic.g[i * k..(i + 1) * k], mean)).collect();
+        let square = quadratic.c - 2.0 * dot(&quadratic.a, mean) + dot(&g_mean, mean);
+        let gap: Vec<f64> = quadratic.a.iter().zip(&g_mean).map(|(a, g)| a - g).collect();
+        let total: Vec<f64> = variance
+            .iter()
+            .zip(&self.nugget)
+            .map(|(variance, nugget)| calibration * variance.max(0.0) + noise.scatter * nugget)
+            .collect();
+        let Some((factor, cholesky)) = self.capacitance(&quadratic.g, &total) else {
+            return Fit { ln: f64::NEG_INFINITY, square: f64::INFINITY };
+        };
+        let mut q: Vec<f64> = (0..k).map(|i| (i..k).map(|l| factor.row(l)[i] * gap[l]).sum()).collect();
+        cholesky.solve_lower(&mut q);
+        let square = (square - dot(&q, &q)).max(0.0);
+        let readings: f64 = self.blocks.iter().map(|block| block.steps).sum();
+        let ln_determinant = ln_determinant + cholesky.ln_determinant();
+        Fit { ln: -0.5 * (square + ln_determinant + readings * std::f64::consts::TAU.ln()), square }
+    }
+
+    /// L with L Lᵀ = C for variances of the scores, and the factor of I + Lᵀ G L.
+    fn capacitance(&self, g: &[f64], variance: &[f64]) -> Option<(Square, Cholesky)> {
+        let k = variance.len();
+        let mut factor = self.correlation.clone();
+        for (i, variance) in variance.iter().enumerate() {
+            let sd = variance.sqrt();
+            factor.row_mut(i)[..=i].iter_mut().for_each(|l| *l *= sd);
+        }
+        let mut product = Square::zeros(k);
+        for i in 0..k {
+            let row = &g[i * k..(i + 1) * k];
+            for j in 0..k {
+                product.row_mut(i)[j] = (j..k).map(|l| row[l] * factor.row(l)[j]).sum();
+            }
+        }
+        let mut inner = Square::zeros(k);
+        for i in 0..k {
+            for j in 0..=i {
+                let sum: f64 = (i..k).map(|l| factor.row(l)[i] * product.row(l)[j]).sum();
+                inner.row_mut(i)[j] = sum + f64::from(u8::from(i == j));
+            }
+        }
+        Cholesky::new(&inner).ok().map(|cholesky| (factor, cholesky))
+    }
+
+    /// BᵀΣ⁻¹B with Σ of noise and scatter alone, shape (components, components): what an error of the scores
+    /// counts for.
+    pub fn importance(&self, noise: &NoiseAt) -> DMatrix<f64> {
+        let k = self.nugget.len();
+        let g = self.joint(noise).quadratic.g;
+        let total: Vec<f64> = self.nugget.iter().map(|nugget| noise.scatter * nugget).collect();
+        let mut importance = DMatrix::from_row_slice(k, k, &g);
+        if total.iter().all(|variance| *variance == 0.0) {
+            return importance;
+        }
+        let Some((factor, cholesky)) = self.capacitance(&g, &total) else { return importance };
+        // Columns of (chol)⁻¹ Lᵀ G.
+        let columns: Vec<Vec<f64>> = (0..k)
+            .map(|c| {
+                let mut column: Vec<f64> =
+                    (0..k).map(|i| (i..k).map(|l| factor.row(l)[i] * g[l * k + c]).sum()).collect();
+                cholesky.solve_lower(&mut column);
+                column
+            })
+            .collect();
+        for i in 0..k {
+            for j in 0..k {
+                importance[(i, j)] -= dot(&columns[i], &columns[j]);
+            }
+        }
+        importance
+    }
+
+    /// Half the variance that the difference of ln likelihood between two points has by what the emulator does
+    /// not know: ½ (Δᵀ H V H Δ + tr H D), with Δ the difference of the mean scores, H of
+    /// [`Likelihood::importance`], V the covariance of the scores' errors and D that of the errors' difference.
+    /// An error that both points share counts only where it points from one to the other.
+    pub fn ignorance(&self, one: &[f64], other: &[f64], noise: &NoiseAt) -> f64 {
+        let coordinates = [one, other].map(|x| self.space.coordinates(x));
+        let [a, b] = coordinates.each_ref().map(|x| self.emulator.places(x));
+        let [mean, to] = coordinates.each_ref().map(|x| DVector::from_vec(self.emulator.mean_scores(x)));
+        let (mut shared, mut apart) = (Vec::new(), Vec::new());
+        for (process, (a, b)) in self.emulator.processes().iter().zip(a.iter().zip(&b)) {
+            let both = process.covariance(a, b);
+            let own = [process.covariance(a, a), process.covariance(b, b)];
+            shared.push(self.calibration * (0.5 * (own[0] + own[1])).max(0.0));
+            apart.push(self.calibration * (own[0] + own[1] - 2.0 * both).max(0.0));
+        }
+        let importance = self.importance(noise);
+        let along = &importance * (to - mean);
+        let shared = along.dot(&(self.emulator.score_covariance(&shared) * &along));
+        0.5 * (shared + (importance * self.emulator.score_covariance(&apart)).trace())
+    }
+}
+
+fn unit(k: usize) -> Square {
+    let mut unit = Square::zeros(k);
+    (0..k).for_each(|i| unit.row_mut(i)[i] = 1.0);
+    unit
+}
+
+/// A posterior, and the prior or another density to start from.
+pub struct Posterior<'a> {
+    /// Its likelihood.
+    pub likelihood: &'a Likelihood<'a>,
+    /// Its prior.
+    pub space: &'a Space,
+    /// What the first particles are drawn from, over the first of the coordinates; the prior if absent.
+    pub start: Option<Start>,
+}
+
+/// Something near the posterior: a mixture with a share of the prior.
+pub struct Start {
+    /// The mixture.
+    pub mixture: super::mixture::LocalMixture,
+    /// Number of coordinates that it is over; those behind them are even.
+    pub dimensions: usize,
+}
+
+/// Share of the prior in a start.
+pub const PRIOR_SHARE: f64 = 0.1;
+
+impl Target for Posterior<'_> {
+    fn ln_start(&self, x: &[f64]) -> f64 {
+        let ln_prior = self.ln_prior(x);
+        match &self.start {
+            Some(start) if ln_prior > f64::NEG_INFINITY => {
+                let ln_mixture = start.mixture.ln_density(&x[..start.dimensions]);
+                ln_sum_exp(&[PRIOR_SHARE.ln() + ln_prior, (1.0 - PRIOR_SHARE).ln() + ln_mixture])
+            }
+            _ => ln_prior,
+        }
+    }
+
+    fn ln_target(&self, x: &[f64]) -> f64 {
+        let ln_prior = self.ln_prior(x);
+        if ln_prior == f64::NEG_INFINITY { ln_prior } else { ln_prior + self.likelihood.fit(x).ln }
+    }
+}
+
+impl Posterior<'_> {
+    fn ln_prior(&self, x: &[f64]) -> f64 {
+        if x[self.space.len()..].iter().all(|x| (0.0..=1.0).contains(x)) {
+            self.space.ln_prior(x)
+        } else {
+            f64::NEG_INFINITY
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! The newest runs against what the runs before them say of them.
+
+use std::collections::HashSet;
+
+use anyhow::Result;
+use gl_inference::samples::Samples;
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use super::likelihood::Measured;
+use super::space::Space;
+use super::surrogate::{Ranked, Recipe, Surrogate};
+
+/// How a batch of runs came out against an emulator that did not know them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Proof {
+    /// Number of runs.
+    pub runs: usize,
+    /// Root mean square of the errors in standard deviations of what was predicted.
+    pub z: f64,
+    /// Probability of errors at least as large, if the emulator is right.
+    pub p: f64,
+    /// Root mean square of the errors, over all readings, in standard deviations of the noise; the median run.
+    pub error: f64,
+}
+
+/// Error that no likelihood feels, in standard deviations of the noise of all readings together.
+const NEGLIGIBLE: f64 = 0.3;
+
+/// Predict the newest runs from the others; nothing where these are too few for an emulator.
+///
+/// # Errors
+/// If a sample lacks a parameter.
+pub fn prove(
+    ranked: &Ranked<'_>,
+    newest: &HashSet<&str>,
+    measured: &Measured,
+    recipe: Recipe,
+    space: &Space,
+    samples: &Samples,
+    seed: u64,
+) -> Result<Option<Proof>> {
+    let Ok(before) = ranked.without(newest).by(recipe, measured, seed) else { return Ok(None) };
+    let values = samples.columns(&space.prior().names())?;
+    let places = samples.index();
+    let mut squares = Vec::new();
+    let (mut total, mut degrees) = (0.0, 0.0);
+    for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
+        let Some(&place) = places.get(name) else { continue };
+        let x = space.place(&values[place]);
+        let (square, count, error) = surprise(&before, space, measured, &x, &curve);
+        total += square;
+        degrees += count;
+        squares.push(error);
+    }
+    if squares.is_empty() || degrees < 1.0 {
+        return Ok(None);
+    }
+    squares.sort_by(f64::total_cmp);
+    let median = squares[squares.len() / 2];
+    let p = ChiSquared::new(degrees).map_or(1.0, |law| 1.0 - law.cdf(total));
+    Ok(Some(Proof { runs: squares.len(), z: (total / degrees).sqrt(), p, error: median }))
+}
+
+/// The square of a run's error in standard deviations of what was predicted, its degrees of freedom, and
+/// the size of the error in those of the noise.
+fn surprise(
+    before: &Surrogate,
+    space: &Space,
+    measured: &Measured,
+    x: &[f64],
+    curve: &[f64],
+) -> (f64, f64, f64) {
+    let emulator = &before.emulator;
+    let (mean, variance) = emulator.predict_scores(&space.coordinates(x));
+    let (outputs, k) = emulator.basis().shape();
+    let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
+    let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
+    let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
+    let gram = pattern.tr_mul(&pattern);
+    let nugget = emulator.nugget();
+    let total: Vec<f64> =
+        variance.iter().zip(&nugget).map(|(v, nugget)| before.calibration * v + nugget).collect();
+    let covariance = emulator.score_covariance(&total);
+    let Some(inverse) = gram.clone().try_inverse() else { return (0.0, 0.0, f64::INFINITY) };
+    let scores = &inverse * pattern.tr_mul(&residual);
+    let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE);
+    let square = match whole.cholesky() {
+        Some(cholesky) => scores.dot(&cholesky.solve(&scores)),
+        None => return (0.0, 0.0, f64::INFINITY),
+    };
+    (square, k as f64, (residual.norm_squared() / outputs as f64).sqrt())
+}

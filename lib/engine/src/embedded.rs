@@ -1,0 +1,49 @@
+//! Runs by a simulator that takes the whole table, such as `gl-contact`.
+
+use std::num::NonZeroUsize;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Error, Result, ensure};
+
+use crate::Say;
+use crate::batch_table::BatchTable;
+use crate::call::Call;
+use crate::folder::RunFolder;
+use crate::model::{command_words, find_program, path_with_own};
+
+/// Become `MODEL -s SAMPLES DIR`, which makes the two files of each row and leaves out runs that are complete.
+///
+/// Returns only where that cannot be: with the reason.
+pub fn become_model(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Error {
+    match prepare(call, jobs, say) {
+        // The lock stays with the model until that ends.
+        Ok((_folder, mut command)) => {
+            let error = command.exec();
+            Error::new(error).context(format!("MODEL: {}: cannot be started", call.model))
+        }
+        Err(error) => error,
+    }
+}
+
+fn prepare(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Result<(RunFolder, Command)> {
+    let words = command_words(&call.model, &call.case)?;
+    let (program, arguments) =
+        words.split_first().context("MODEL is empty; give a simulator such as gl-contact")?;
+    let path = if program.contains('/') { Some(program.into()) } else { find_program(program) };
+    let path = path.with_context(|| format!("MODEL: no program {program} in PATH"))?;
+    ensure!(path.is_file(), "MODEL: no program {program}");
+    // What is on standard input can be read only once, by the model.
+    if call.samples != Path::new("-") {
+        BatchTable::read(&call.samples)?;
+    }
+    let mut folder = RunFolder::create(&call.dir)?;
+    folder.lock(say)?;
+    let mut command = Command::new(path);
+    command.args(arguments).arg("-s").arg(&call.samples).arg(&call.dir).env("PATH", path_with_own());
+    if let Some(jobs) = jobs {
+        command.env("RAYON_NUM_THREADS", jobs.to_string());
+    }
+    Ok((folder, command))
+}

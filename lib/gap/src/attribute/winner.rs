@@ -1,0 +1,61 @@
+//! Which effects the table of an attribution puts into the simulation.
+
+use anyhow::{Result, ensure};
+use gl_inference::prior::Prior;
+use gl_table::Table;
+
+/// The effects of the simulator in the most probable hypothesis, in the order of its name; none for `none`, for
+/// `unexplained`, and for what the measurement does.
+///
+/// * `attribution` — the table of `gl-gap-attribute`.
+///
+/// # Errors
+/// If the table has no columns `hypothesis probability`, or no rows.
+pub fn winning_effects(prior: &Prior, attribution: &Table) -> Result<Vec<String>> {
+    let source = attribution.format().source();
+    ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
+    let hypothesis = attribution.format().column("hypothesis")?;
+    let probability = attribution.numbers("probability")?;
+    let cause = |row: usize| {
+        let name = attribution.field(row, hypothesis);
+        name.strip_suffix("+unexplained").unwrap_or(name)
+    };
+    // The same effects with a rest and without are one cause. Of several that are as probable, the first.
+    let of_cause = |row: usize| -> f64 {
+        (0..probability.len())
+            .filter(|&other| cause(other) == cause(row))
+            .map(|other| probability[other])
+            .sum()
+    };
+    let first = (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b)));
+    let name = cause(first.unwrap_or(0));
+    let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
+    Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn table(text: &str) -> Table {
+        Table::parse("table", text.as_bytes().to_vec()).unwrap()
+    }
+
+    #[test]
+    fn only_effects_of_the_simulator_win_whatever_the_form_of_the_tables() {
+        let prior = "# name,lower,upper,effect,off\r\na,0,1,-,-\r\nb,0,1,x,0\r\nc,0,1,y,0\r\n";
+        let prior = Prior::from_table(&table(prior)).unwrap();
+        let winner =
+            |rows: &str| winning_effects(&prior, &table(&format!("#hypothesis probability\n{rows}")));
+        assert_eq!(winner("x+offset(q)+y 0.9\nnone 0.1\n").unwrap(), ["x", "y"]);
+        assert_eq!(winner("none 0.1\ny 0.9\n").unwrap(), ["y"]);
+        for rows in ["none 1\n", "unexplained 0.9\nx 0.1\n", "offset(q) 1\n"] {
+            assert!(winner(rows).unwrap().is_empty(), "{rows}");
+        }
+        // With a rest or without, it is the same cause.
+        assert_eq!(winner("none 0.4\nx 0.3\nx+unexplained 0.3\n").unwrap(), ["x"]);
+        assert!(winner("").is_err());
+    }
+}

@@ -1,0 +1,180 @@
+//! The box of base parameters that a design is drawn from.
+//!
+//! A prior that is wide beside what the measurement allows makes curves of which an emulator knows the details
+//! only roughly. So the design keeps to a box about what fits; it is made wider where a hypothesis leans on it.
+
+use std::collections::BTreeSet;
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use gl_inference::prior::{Parameter, Prior};
+use gl_inference::weights::Weights;
+use gl_table::Table;
+
+/// The box holds runs whose root-mean-square misfit is up to so many times the smallest.
+const REACH: f64 = 3.0;
+/// It is wider than what they span by this factor.
+const WIDER: f64 = 1.5;
+/// It has at least this share of the prior's width: an effect moves the base parameters that fit.
+const SHARE: f64 = 0.25;
+
+/// The prior with base parameters between the runs that fit about as well as the best, half as wide again, and at
+/// least a quarter of its width. Parameters of effects stay as they are.
+///
+/// * `weights` — runs with their misfits.
+///
+/// # Errors
+/// If the weights have no misfits, or lack a parameter.
+pub fn narrow(prior: &Prior, weights: &Weights) -> Result<Prior> {
+    let misfit = weights.misfit.as_ref();
+    let misfit = misfit.with_context(|| format!("{}:1: no column misfit", weights.source))?;
+    let least = misfit.iter().copied().fold(f64::INFINITY, f64::min);
+    let is_near = |i: &usize| misfit[*i] <= REACH * REACH * least;
+    let near: Vec<usize> = (0..misfit.len()).filter(is_near).collect();
+    let narrowed = |parameter: &Parameter| {
+        if parameter.effect.is_some() || near.is_empty() {
+            return Ok(parameter.clone());
+        }
+        let column = weights.parameters.iter().position(|name| *name == parameter.name);
+        let column = column.with_context(|| format!("{}:1: no column {}", weights.source, parameter.name))?;
+        let places = near.iter().map(|&i| parameter.scale.forward(weights.values[i][column]));
+        let (low, high) =
+            places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+        let (lower, upper) = parameter.scaled_bounds();
+        let width = (WIDER * (high - low)).max(SHARE * (upper - lower));
+        let lacking = width - (high - low);
+        Ok(between(parameter, low - lacking / 2.0, high + lacking / 2.0))
+    };
+    Ok(Prior::new(prior.parameters().iter().map(narrowed).collect::<Result<_>>()?))
+}
+
+/// What a hypothesis that is not ruled out says of a parameter: the bound that it leans on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lean {
+    /// The parameter.
+    pub parameter: String,
+    /// −1 the lower bound, 1 the upper, 0 none.
+    pub side: f64,
+}
+
+/// What hypotheses lean on: the table of `gl-gap-attribute --posterior-out`.
+///
+/// # Errors
+/// If it cannot be read, or lacks the columns `parameter lean`.
+pub fn read_leans(path: &Path) -> Result<Vec<Lean>> {
+    let table = Table::read(path)?;
+    let parameter = table.format().column("parameter")?;
+    let sides = table.numbers("lean")?;
+    let lean = |(row, side)| Lean { parameter: table.field(row, parameter).to_owned(), side };
+    Ok(sides.into_iter().enumerate().map(lean).collect())
+}
+
+/// The box, its width added on each side that a hypothesis leans on, as far as the prior allows; `None` where no
+/// hypothesis leans on a bound that can be moved.
+///
+/// # Errors
+/// If a parameter of the box is not in the prior.
+pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean]) -> Result<Option<Prior>> {
+    let leaning = |is_of: fn(f64) -> bool| -> BTreeSet<&str> {
+        leans.iter().filter(|lean| is_of(lean.side)).map(|lean| lean.parameter.as_str()).collect()
+    };
+    let (to_lower, to_upper) = (leaning(|side| side < 0.0), leaning(|side| side > 0.0));
+    let mut is_wider = false;
+    let mut parameters = Vec::new();
+    for parameter in narrowed.parameters() {
+        let name = parameter.name.as_str();
+        let whole = prior.parameters().iter().find(|whole| whole.name == name);
+        let whole =
+            whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
+        let (low, high) = parameter.scaled_bounds();
+        let mut wider = parameter.clone();
+        if to_lower.contains(name) && parameter.lower > whole.lower {
+            wider.lower = between(whole, low - (high - low), high).lower;
+            is_wider = true;
+        }
+        if to_upper.contains(name) && parameter.upper < whole.upper {
+            wider.upper = between(whole, low, high + (high - low)).upper;
+            is_wider = true;
+        }
+        parameters.push(wider);
+    }
+    Ok(is_wider.then(|| Prior::new(parameters)))
+}
+
+/// A parameter between two places on its own scale, inside its bounds.
+fn between(parameter: &Parameter, low: f64, high: f64) -> Parameter {
+    let (lower, upper) = parameter.scaled_bounds();
+    let mut inside = parameter.clone();
+    // A bound that stays is not taken through a logarithm.
+    if low > lower {
+        inside.lower = parameter.scale.back(low).max(parameter.lower);
+    }
+    if high < upper {
+        inside.upper = parameter.scale.back(high).min(parameter.upper);
+    }
+    inside
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    const PARAMS: &str =
+        "name lower upper scale effect off\na 0 10 - - -\nb 1 10000 log - -\nc 0 1 - extra 0\n";
+
+    fn prior(text: &str) -> Prior {
+        Prior::from_table(&Table::parse("params.txt", text.as_bytes().to_vec()).unwrap()).unwrap()
+    }
+
+    fn weights(text: &str) -> Weights {
+        Weights::from_table(&Table::parse("weights.txt", text.as_bytes().to_vec()).unwrap()).unwrap()
+    }
+
+    fn has_bounds(prior: &Prior, expected: [(f64, f64); 3]) {
+        for (parameter, (lower, upper)) in prior.parameters().iter().zip(expected) {
+            assert!((parameter.lower - lower).abs() <= 1e-12 * lower.abs(), "{parameter:?}");
+            assert!((parameter.upper - upper).abs() <= 1e-12 * upper.abs(), "{parameter:?}");
+        }
+    }
+
+    #[test]
+    fn a_design_lies_between_the_runs_that_fit_about_as_well_as_the_best() {
+        // 9.1 times the least misfit is more than three times its root.
+        let weights = weights(
+            "sample a b c misfit weight\nr0 4 10 0 10 0\nr1 7 100 0 1 1\nr2 4 1000 0 9 0\nr3 1 1 0 9.1 0\n",
+        );
+        let narrowed = narrow(&prior(PARAMS), &weights).unwrap();
+        // From 4 to 7 on, and from 2 to 3 in the decimal logarithm, half as wide again.
+        has_bounds(&narrowed, [(3.25, 7.75), (f64::powf(10.0, 1.75), f64::powf(10.0, 3.25)), (0.0, 1.0)]);
+    }
+
+    #[test]
+    fn a_design_keeps_a_quarter_of_the_prior_and_stays_inside_it() {
+        let weights = weights("sample a b c misfit weight\nr0 9.5 100 0 1 1\nr1 1 9000 0 1000 0\n");
+        let narrowed = narrow(&prior(PARAMS), &weights).unwrap();
+        has_bounds(&narrowed, [(8.25, 10.0), (f64::powf(10.0, 1.5), f64::powf(10.0, 2.5)), (0.0, 1.0)]);
+    }
+
+    #[test]
+    fn bounds_that_differ_in_the_seventh_digit_stay_inside_the_prior() {
+        let prior = prior("name lower upper\na 100000.1 100000.9\n");
+        let weights = weights("sample a misfit weight\nr0 100000.5 1 1\n");
+        let narrowed = narrow(&prior, &weights).unwrap();
+        let parameter = &narrowed.parameters()[0];
+        assert!((parameter.lower - 100_000.4).abs() < 1e-9 && (parameter.upper - 100_000.6).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_box_grows_where_a_hypothesis_leans_on_it_and_nowhere_else() {
+        let narrowed =
+            prior("name lower upper scale effect off\na 3 7 - - -\nb 10 100 log - -\nc 0 1 - extra 0\n");
+        let lean = |parameter: &str, side: f64| Lean { parameter: parameter.to_owned(), side };
+        let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
+        let wider = widen(&prior(PARAMS), &narrowed, &leans).unwrap().unwrap();
+        has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
+        assert_eq!(widen(&prior(PARAMS), &narrowed, &[lean("a", 0.0), lean("c", 1.0)]).unwrap(), None);
+    }
+}

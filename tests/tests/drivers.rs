@@ -1,0 +1,475 @@
+//! The drivers: what they are called with, what they leave, and where they work.
+
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::SystemTime;
+
+use pipelines::calibration::{calibrate, copy_case, driver, finish, set, tables};
+use pipelines::folder::Folder;
+use pipelines::{programs, require, root};
+
+const SMALL: [(&str, &str); 2] = [("num", "8"), ("iterations", "1")];
+
+/// The settings of the smallest diagnosis.
+const SMALL_DIAGNOSIS: [(&str, &str); 3] = [("num", "20"), ("iterations", "2"), ("design_num", "60")];
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// `make` of the project, which takes what is built as it is.
+fn make(folder: &Folder, arguments: &[&str]) -> Output {
+    folder.write("bin/cargo", "#!/bin/sh\n");
+    fs::set_permissions(folder.path("bin/cargo"), fs::Permissions::from_mode(0o755)).unwrap();
+    let path = std::env::var("PATH").unwrap();
+    Command::new("make")
+        .arg("-C")
+        .arg(root().canonicalize().unwrap())
+        .args(arguments)
+        .env("PATH", format!("{}:{path}", folder.path("bin").display()))
+        .env("CARGO_TARGET_DIR", programs().parent().unwrap())
+        .env_remove("MAKEFLAGS")
+        .env_remove("MAKELEVEL")
+        .output()
+        .unwrap()
+}
+
+/// The tables of a calibration, without what it was called with.
+fn results(folder: &Folder, out: &str) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = tables(folder, out);
+    files.retain(|file, _| !file.ends_with("settings.toml"));
+    files
+}
+
+fn rows(folder: &Folder, file: &str) -> usize {
+    folder.table(file).len()
+}
+
+/// When each file below a folder was written.
+fn times(folder: &Folder, out: &str) -> BTreeMap<PathBuf, SystemTime> {
+    let files = folder.files().into_keys().filter(|file| file.starts_with(out));
+    files
+        .map(|file| (file.clone(), fs::metadata(folder.path("").join(&file)).unwrap().modified().unwrap()))
+        .collect()
+}
+
+#[test]
+fn settings_of_the_call_of_make_and_of_the_case_are_the_same_settings() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    let given = ["NUM=12", "seed=5", "Noise=y=0.3", "--iterations", "2"];
+    finish(calibrate(&folder, "local", "call").args(given));
+    let path = |name: &str| folder.path(name).display().to_string();
+    let (case, out) = (format!("CASE={}", path("case")), format!("OUT={}", path("make")));
+    let output = make(
+        &folder,
+        &["calibrate", &case, &out, "ENGINE=local", "NUM=12", "SEED=5", "NOISE=y=0.3", "ITERATIONS=2"],
+    );
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    set(&folder, &[("num", "12"), ("seed", "5"), ("noise", "{ y = 0.3 }"), ("iterations", "2")]);
+    finish(&mut calibrate(&folder, "local", "own"));
+    let expected = results(&folder, "call");
+    assert!(expected.contains_key(Path::new("iter1/posterior.txt")));
+    for out in ["make", "own"] {
+        let found = results(&folder, out);
+        assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>());
+        for (file, bytes) in &expected {
+            assert!(found[file] == *bytes, "{out}: {} differs", file.display());
+        }
+    }
+}
+
+#[test]
+fn other_settings_are_computed_anew_and_the_same_are_not() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    finish(&mut calibrate(&folder, "local", "fit"));
+    let before = times(&folder, "fit/iter0/runs");
+    finish(calibrate(&folder, "local", "fit").arg("num=10"));
+    assert_eq!(rows(&folder, "fit/iter0/samples.txt"), 10);
+    let is_simulation = |file: &Path| file.display().to_string().ends_with("_sim.txt");
+    let after = times(&folder, "fit/iter0/runs");
+    let new = after.iter().filter(|(file, time)| is_simulation(file) && before.get(*file) != Some(time));
+    assert_eq!(new.count(), 2, "eight of the samples are the same");
+    let after = times(&folder, "fit");
+    finish(calibrate(&folder, "local", "fit").arg("num=10"));
+    assert!(after == times(&folder, "fit"));
+}
+
+#[test]
+fn an_effect_that_is_given_is_in() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL);
+    finish(&mut calibrate(&folder, "embedded", "without"));
+    finish(calibrate(&folder, "embedded", "with").arg("effects=adhesion"));
+    let values = |out: &str| {
+        let mut values = folder.column(&format!("{out}/iter0/samples.txt"), "w");
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        values.len()
+    };
+    assert_eq!((values("without"), values("with")), (1, 8));
+}
+
+#[test]
+fn a_path_may_have_any_name_but_make_takes_none_with_blanks() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    for name in ["a b", "a$b", "a%b", "a#b", "a'b"] {
+        fs::rename(folder.path("case"), folder.path(name)).unwrap();
+        let out = format!("fit {name}");
+        finish(driver(&folder, "gl-calibrate").args([name, "--out", &out]));
+        assert!(folder.path(&format!("{out}/posterior.txt")).exists(), "{name}");
+        fs::rename(folder.path(name), folder.path("case")).unwrap();
+    }
+    for target in ["calibrate", "diagnose", "check"] {
+        let output = make(&folder, &[target, "CASE=/a b"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains("CASE=/a b: a path with blanks cannot go through make"));
+    }
+    // Where it was called from does not matter, nor that no folder was named for the results.
+    finish(driver(&folder, "gl-calibrate").arg(".").current_dir(folder.path("case")));
+    assert!(folder.path("case/out/case/posterior.txt").exists());
+}
+
+#[test]
+fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
+    if !require("lmp") {
+        return;
+    }
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[("iterations", "2")]);
+    finish(&mut calibrate(&folder, "embedded", "embedded"));
+    let model = "model=lmp -in {case}/lammps.in -log none -screen none -var E_m {E_m} -var nu {nu} -var name {description}";
+    finish(calibrate(&folder, "local", "lammps").arg(model));
+    for name in ["E_m", "nu"] {
+        for kind in ["mean", "sd", "q05", "q95"] {
+            let of = |out: &str| folder.quantity(&format!("{out}/posterior.txt"), &format!("{kind}({name})"));
+            let (found, expected) = (of("lammps"), of("embedded"));
+            assert!((found / expected - 1.0).abs() < 1e-4, "{kind}({name}): {found} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn each_call_is_noted_as_it_is_typed() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &SMALL);
+    finish(&mut calibrate(&folder, "embedded", "fit"));
+    let log = folder.read("fit/commands.log");
+    let call = log.lines().find(|line| line.starts_with("gl-likelihood ")).unwrap();
+    let before = folder.read("fit/iter0/misfit.txt");
+    fs::remove_file(folder.path("fit/iter0/misfit.txt")).unwrap();
+    folder.run(call);
+    assert_eq!(before, folder.read("fit/iter0/misfit.txt"));
+    assert!(
+        log.lines().any(|line| line.starts_with("gl-run embedded --case case -- fit/iter0/samples.txt")),
+        "{log}"
+    );
+}
+
+#[test]
+fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong() {
+    let wrong = |settings: &[(&str, &str)], files: &[(&str, &str)], engine: &str, says: &[&str]| {
+        let folder = Folder::default();
+        copy_case(&folder, "collision", settings);
+        for (file, text) in files {
+            folder.write(file, text);
+        }
+        for tool in ["gl-check", "gl-calibrate", "gl-diagnose"] {
+            let output =
+                driver(&folder, tool).args(["case", "--engine", engine, "--out", "out"]).output().unwrap();
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{tool}: {said}");
+            for part in says {
+                assert!(said.contains(part), "{tool} does not say {part}: {said}");
+            }
+            assert!(!folder.path("out").exists(), "{tool}");
+        }
+    };
+    wrong(&[], &[("case/obs.txt", "u f\n")], "embedded", &["case/obs.txt: no rows"]);
+    wrong(&[], &[("case/obs.txt", "")], "embedded", &["case/obs.txt"]);
+    wrong(
+        &[],
+        &[("case/obs.txt", "u force\n0 1\n")],
+        "embedded",
+        &["case/obs.txt:1: no column f; the columns are u, force"],
+    );
+    let both = [("case/obs.txt", "u g\n0 1\n"), ("case/params.txt", "name lower upper\na 2 1\n")];
+    wrong(&[], &both, "embedded", &["no column f", "case/params.txt:2: column upper"]);
+    wrong(
+        &[("truth", "{ E = 9.3 }")],
+        &[],
+        "embedded",
+        &["case/case.toml:1: truth: no parameter E; they are E_m, nu"],
+    );
+    wrong(
+        &[("units", "{ F = \"N\" }")],
+        &[],
+        "embedded",
+        &["units: no column or parameter F; did you mean f?"],
+    );
+    wrong(
+        &[("effects", "[\"adhesion\"]")],
+        &[],
+        "embedded",
+        &["effects: no effect adhesion; there are none"],
+    );
+    wrong(&[("steps", "\"90:95\"")], &[], "embedded", &["the measurement has the steps 0 to 80"]);
+    wrong(
+        &[("noise", "{ g = 1 }")],
+        &[],
+        "embedded",
+        &["case.toml:1: noise: no observable g; did you mean f?"],
+    );
+    let local = |model: &str| format!("[model]\nlocal = \"{model}\"\n");
+    for (model, says) in [
+        ("true {E_n}", "{E_n} is no column of the samples"),
+        ("no-such-program {nu}", "no program no-such-program"),
+        ("true 'a", "a quote is not closed"),
+        ("no-such-script.py", "no such script"),
+    ] {
+        let case = format!(
+            "name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\nnoise = {{ f = 1 }}\n{}",
+            local(model)
+        );
+        wrong(&[], &[("case/case.toml", &case)], "local", &["case/case.toml:6: model: ", says]);
+    }
+    let zero = [
+        ("case/obs.txt", "u f\n0 0\n1 -1\n"),
+        (
+            "case/case.toml",
+            "name = \"c\"\ncontrol = \"u\"\nobservables = [\"f\"]\n[model]\nembedded = \"gl-contact\"\n",
+        ),
+    ];
+    wrong(&[], &zero, "embedded", &["cannot be a scale"]);
+}
+
+#[test]
+fn the_check_says_how_many_runs_there_will_be_and_how_long_they_take() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    let check = |given: &str| {
+        finish(driver(&folder, "gl-check").args(["case", "--out", "out", "--verdict", "said.txt", given]))
+    };
+    check("num=7");
+    let verdict = |code: &str| {
+        let codes = folder.texts("said.txt", "code");
+        let place = codes.iter().position(|other| other == code);
+        place.map(|place| folder.texts("said.txt", "value")[place].clone())
+    };
+    assert_eq!((verdict("runs").as_deref(), verdict("seconds-a-run")), (Some("70"), None));
+    finish(calibrate(&folder, "embedded", "out").args(["num=7", "--iterations", "1"]));
+    let (_, said) = check("num=7");
+    assert!(said.contains("by the 7 runs that are there"), "{said}");
+    assert!(verdict("seconds-a-run").unwrap().parse::<f64>().unwrap() < 10.0);
+}
+
+#[test]
+fn a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
+    let folder = Folder::default();
+    // What calibration does not see is measured apart.
+    copy_case(&folder, "contact-effects", &[("steps", "\"0:60\"")]);
+    let params = folder.read("case/params.txt");
+    let params =
+        params.replace("E_m\t8.5\t10", "E_m\t7\t11").replace("mu\t0.1\t0.8\tlinear", "mu\t0.01\t2\tlog");
+    folder.write("case/params.txt", params);
+    finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
+    assert_eq!(folder.texts("made/attribution.txt", "hypothesis")[0], "adhesion");
+    assert_eq!(folder.read("made/winner.txt"), "adhesion\n");
+    let place = folder.texts("made/design/params.txt", "name").iter().position(|name| name == "E_m").unwrap();
+    let bound = |name: &str| folder.column("made/design/params.txt", name)[place];
+    assert!(4.0 / (bound("upper") - bound("lower")) >= 2.0);
+    let all =
+        folder.texts("made/shrink-unseen.txt", "observable").iter().position(|name| name == "all").unwrap();
+    assert!(folder.column("made/shrink-unseen.txt", "shrink")[all] > 0.5);
+}
+
+/// The folder of the last round of the design.
+fn last_round(folder: &Folder) -> String {
+    let rounds = (0..).map(|r| format!("made/design/round{r}"));
+    rounds.take_while(|round| folder.path(round).exists()).last().unwrap()
+}
+
+#[test]
+fn the_last_runs_of_a_design_lie_where_the_first_ones_point() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
+    finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made", "design_num=100"]));
+    // Three fifths in the first round, and the others last.
+    assert_eq!(rows(&folder, "made/design/round0/samples.txt"), 60);
+    assert_eq!(rows(&folder, &format!("{}/samples.txt", last_round(&folder))), 40);
+    let spread = |round: &str| {
+        let values = folder.column(&format!("{round}/samples.txt"), "E_m");
+        let weights = vec![1.0 / values.len() as f64; values.len()];
+        gl_numeric::statistics::sd(&values, &weights)
+    };
+    let (first, last) = (spread("made/design/round0"), spread(&last_round(&folder)));
+    assert!(last < 0.7 * first, "{last} after {first}");
+    let mut runs = folder.texts("made/design/ensemble.txt", "sample");
+    runs.dedup();
+    assert_eq!(runs.len(), rows(&folder, "made/design/samples.txt"));
+}
+
+#[test]
+fn a_diagnosis_goes_on_where_it_was() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
+    let diagnose = || finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
+    diagnose();
+    let (first, before) = (folder.read("made/attribution.txt"), times(&folder, "made"));
+    diagnose();
+    assert!(before == times(&folder, "made"), "what is done is not done again");
+    for file in before
+        .keys()
+        .filter(|file| file.ends_with("attribution.txt") || file.ends_with("design/ensemble.txt"))
+    {
+        fs::remove_file(folder.path("").join(file)).unwrap();
+    }
+    diagnose();
+    assert_eq!(first, folder.read("made/attribution.txt"));
+    let is_simulation = |file: &Path| file.display().to_string().ends_with("_sim.txt");
+    let after = times(&folder, "made");
+    assert!(before.iter().all(|(file, time)| !is_simulation(file) || after[file] == *time));
+}
+
+/// The forms in which a table may be written.
+fn forms(table: &str) -> Vec<(&'static str, String)> {
+    let commas = table.replace('\t', ",");
+    vec![
+        ("tabs", table.to_owned()),
+        ("blanks", table.replace('\t', "  ")),
+        ("commas", commas.clone()),
+        ("number sign", format!("# {}", table.replace('\t', " "))),
+        ("CRLF and BOM", format!("\u{feff}{}", commas.replace('\n', "\r\n"))),
+    ]
+}
+
+#[test]
+fn every_form_of_the_tables_gives_the_same_bytes() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &[("num", "20"), ("iterations", "2"), ("design_num", "60")]);
+    let tables_in = ["case/params.txt", "case/obs.txt"].map(|file| (file, folder.read(file)));
+    let mut first: Option<BTreeMap<PathBuf, Vec<u8>>> = None;
+    for (i, (form, _)) in forms("").into_iter().enumerate() {
+        for (file, text) in &tables_in {
+            folder.write(file, &forms(text)[i].1);
+        }
+        let [fit, made] = ["fit", "made"].map(|name| format!("{name}{i}"));
+        finish(&mut calibrate(&folder, "embedded", &fit));
+        finish(driver(&folder, "gl-diagnose").args(["case", "--out", &made]));
+        assert_eq!(folder.read(&format!("{made}/winner.txt")), "adhesion\n", "{form}");
+        assert!(rows(&folder, &format!("{made}/shrink.txt")) > 0, "{form}");
+        let mut found = tables(&folder, &fit);
+        found.extend(
+            tables(&folder, &made).into_iter().map(|(file, bytes)| (Path::new("made").join(file), bytes)),
+        );
+        // The pages of a report name the folder that they are of.
+        found.retain(|file, _| {
+            !matches!(file.extension().and_then(|ending| ending.to_str()), Some("md" | "html"))
+        });
+        let expected = first.get_or_insert_with(|| found.clone());
+        assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>(), "{form}");
+        for (file, bytes) in expected {
+            assert!(found[file] == *bytes, "{form}: {} differs", file.display());
+        }
+    }
+}
+
+/// Without source, cargo, make, and anything in PATH.
+#[test]
+fn an_installed_tree_works_in_an_empty_folder() {
+    let folder = Folder::default();
+    let prefix = folder.path("usr");
+    let output = make(&folder, &["-s", "install", &format!("PREFIX={}", prefix.display())]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let tools: Vec<PathBuf> =
+        fs::read_dir(prefix.join("bin")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    for tool in ["gl-init", "gl-check", "gl-calibrate", "gl-iterate", "gl-diagnose", "gl-run", "gl-box"] {
+        assert!(tools.contains(&prefix.join("bin").join(tool)), "{tool}");
+    }
+    let pages = fs::read_dir(prefix.join("share/man/man1")).unwrap().count();
+    assert_eq!(pages, tools.len());
+    fs::create_dir(folder.path("empty")).unwrap();
+    let call = |tool: &str, arguments: &[&str]| {
+        let output = Command::new(prefix.join("bin").join(tool))
+            .args(arguments)
+            .env_clear()
+            .current_dir(folder.path("empty"))
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{tool}: {}{}", text(&output.stdout), text(&output.stderr));
+        text(&output.stdout)
+    };
+    assert!(call("gl-init", &["--list"]).contains("contact-effects\t"));
+    call("gl-init", &["mine", "--from", "contact-effects"]);
+    call("gl-check", &["mine"]);
+    let small = ["num=20", "iterations=2", "design_num=60"];
+    assert!(call("gl-calibrate", &["mine", small[0], small[1]]).starts_with("iteration 0: 20 runs"));
+    call("gl-diagnose", &[&["mine"], &small[..]].concat());
+    assert_eq!(folder.read("empty/out/mine-diagnosis/winner.txt"), "adhesion\n");
+    assert!(folder.path("empty/out/mine/posterior.txt").exists());
+}
+
+#[test]
+fn make_iteration_goes_from_runs_to_the_next_samples() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    folder.run("gl-sample -p case/params.txt -n 30 --name collision -o samples.txt");
+    folder.run("gl-contact -s samples.txt runs");
+    let path = |name: &str| folder.path(name).display().to_string();
+    let iterate = |samples: &str, number: &str| {
+        let [case, samples, runs, out] =
+            [("CASE", "case"), ("SAMPLES", samples), ("RUNS", "runs"), ("OUT", "fit")]
+                .map(|(key, name)| format!("{key}={}", path(name)));
+        make(&folder, &["iteration", &case, &samples, &runs, &out, &format!("ITERATION={number}")])
+    };
+    // To go on is no error here.
+    let output = iterate("samples.txt", "0");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("next samples: ") && folder.path("fit/iter1/samples.txt").exists());
+    folder.run("gl-contact -s fit/iter1/samples.txt runs");
+    assert!(iterate("fit/iter1/samples.txt", "1").status.success());
+    assert!(folder.path("fit/iter2/samples.txt").exists());
+    let output = iterate("nowhere.txt", "0");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("nowhere.txt: no such samples table"));
+}
+
+#[test]
+fn a_box_is_made_narrower_and_wider_by_hand() {
+    let folder = Folder::default();
+    folder.write("params.txt", "# name,lower,upper\r\na,0,10\r\n");
+    folder.write("weights.txt", "sample a misfit weight\nr1 4 1 0.5\nr2 6 2 0.5\n");
+    assert_eq!(folder.stdout("gl-box narrow -p params.txt weights.txt"), "name\tlower\tupper\na\t3.5\t6.5\n");
+    folder.run("gl-box narrow -p params.txt weights.txt -o box.txt");
+    folder.write("posterior.txt", "hypothesis parameter lean\nnone a -1\n");
+    assert_eq!(
+        folder.stdout("gl-box widen -p params.txt --box box.txt posterior.txt"),
+        "name\tlower\tupper\na\t0.5\t6.5\n"
+    );
+    folder.write("posterior.txt", "hypothesis parameter lean\nnone a 0\n");
+    let output = folder.call("gl-box widen -p params.txt --box box.txt posterior.txt", "");
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(text(&output.stdout), folder.read("box.txt"));
+    folder.refuses("gl-box narrow -p params.txt box.txt", &["box.txt:1: no column sample"]);
+}
+
+/// The first column of the table of settings, and all of it.
+#[test]
+fn the_page_on_calibration_names_the_settings_that_there_are() {
+    let page = fs::read_to_string(root().join("docs/calibration.md")).unwrap();
+    let cells = page.lines().filter_map(|line| line.strip_prefix("| `")?.split(" |").next());
+    let mut named: Vec<&str> =
+        cells.flat_map(|cell| cell.split(['`', ',', ' '])).filter(|name| !name.is_empty()).collect();
+    named.sort_unstable();
+    named.dedup();
+    let mut known = gl_case::Case::settings();
+    known.sort_unstable();
+    assert_eq!(named, known);
+}
