@@ -75,7 +75,8 @@ pub fn effects_of(prior: &Prior, truth: &[f64]) -> String {
 
 /// The strengths of the effects that are on, shape (parameters that are not off,).
 pub fn strengths(prior: &Prior, truth: &[f64]) -> Vec<f64> {
-    let is_on = |(p, value): &(&gl_inference::prior::Parameter, &f64)| p.effect.is_some() && p.off != Some(**value);
+    let is_on =
+        |(p, value): &(&gl_inference::prior::Parameter, &f64)| p.effect.is_some() && p.off != Some(**value);
     prior.parameters().iter().zip(truth).filter(is_on).map(|(_, value)| *value).collect()
 }
 
@@ -84,7 +85,11 @@ pub fn strengths(prior: &Prior, truth: &[f64]) -> Vec<f64> {
 /// # Errors
 /// If the table is empty, or lacks a parameter.
 pub fn hidden(prior: &Prior, samples: &Samples) -> Result<Vec<f64>> {
-    samples.columns(&prior.names())?.into_iter().next().with_context(|| format!("{}: no rows", samples.source))
+    samples
+        .columns(&prior.names())?
+        .into_iter()
+        .next()
+        .with_context(|| format!("{}: no rows", samples.source))
 }
 
 /// A measurement: what specimens give in the mean, with the noise of the sensors.
@@ -169,8 +174,11 @@ fn widened_sd(deviations: &[Vec<f64>]) -> Vec<f64> {
     let product = |t: usize, u: usize| deviations.iter().map(|d| d[t] * d[u]).sum::<f64>() / freedom;
     let sd: Vec<f64> = (0..steps).map(|t| product(t, t).sqrt()).collect();
     let varies: Vec<usize> = (0..steps).filter(|&t| sd[t] > 0.0).collect();
-    let correlations: f64 =
-        varies.iter().flat_map(|&t| varies.iter().map(move |&u| (t, u))).map(|(t, u)| product(t, u) / sd[t] / sd[u]).sum();
+    let correlations: f64 = varies
+        .iter()
+        .flat_map(|&t| varies.iter().map(move |&u| (t, u)))
+        .map(|(t, u)| product(t, u) / sd[t] / sd[u])
+        .sum();
     let widening = (correlations / varies.len().max(1) as f64).max(1.0).sqrt();
     sd.iter().map(|sd| sd * widening).collect()
 }
@@ -180,7 +188,8 @@ fn widened_sd(deviations: &[Vec<f64>]) -> Vec<f64> {
 /// # Errors
 /// If the table cannot be read as one, or is empty.
 pub fn first_hypothesis(attribution: &Table) -> Result<(String, f64)> {
-    let (name, probability) = (attribution.format().column("hypothesis")?, attribution.format().column("probability")?);
+    let (name, probability) =
+        (attribution.format().column("hypothesis")?, attribution.format().column("probability")?);
     ensure!(!attribution.is_empty(), "{}: no hypotheses", attribution.format().source());
     Ok((attribution.field(0, name).to_owned(), attribution.number(0, probability)?))
 }

@@ -242,7 +242,8 @@ impl Summary {
         }
         if let Some(sample) = &self.best_sample {
             // Beside what else is said of the run that fits best.
-            let place = rows.iter().rposition(|row| row.quantity.starts_with("best_")).map_or(0, |place| place + 1);
+            let place =
+                rows.iter().rposition(|row| row.quantity.starts_with("best_")).map_or(0, |place| place + 1);
             rows.insert(place, Row { quantity: "best_sample".to_owned(), value: sample.clone() });
         }
         write_rows(path, &rows)

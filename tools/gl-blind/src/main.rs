@@ -109,14 +109,19 @@ fn run(args: &Args) -> Result<bool> {
             let runs = Ensemble::read(ensemble, control, observables)?;
             let noise = noise.clone().unwrap_or_default();
             noise.check_names(observables, "--noise")?;
-            Measurement::new(&runs, &noise, *seed, *scatter)?.write(output.as_deref(), control, observables)?;
+            Measurement::new(&runs, &noise, *seed, *scatter)?.write(
+                output.as_deref(),
+                control,
+                observables,
+            )?;
         }
         Step::Outcome { params, answer, attribution, output } => {
             let prior = Prior::read(params)?;
             let truth = hidden(&prior, &Samples::read(answer)?)?;
             let (first, probability) = first_hypothesis(&Table::read(attribution)?)?;
             let effects = effects_of(&prior, &truth);
-            let mut table = TableWriter::create(output.as_deref(), &["truth", "strength", "first", "probability"])?;
+            let mut table =
+                TableWriter::create(output.as_deref(), &["truth", "strength", "first", "probability"])?;
             let strength = strengths(&prior, &truth).first().copied().unwrap_or(0.0);
             table.text(&effects).number(strength).text(&first).number(probability).end_row()?;
             table.finish()?;
