@@ -55,8 +55,8 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
-    let _lock = alone(&out, "gl-calibrate")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
+    let _lock = alone(&out, "gl-calibrate")?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let setting = Setting {
@@ -100,7 +100,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
 /// # Errors
 /// If another driver works there.
 pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
-    OutLock::take_within(out, tool, Duration::from_secs(2), &|text| gl_cli::note(tool, text))
+    OutLock::take_within(out, tool, Duration::from_secs(5), &|text| gl_cli::note(tool, text))
 }
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
@@ -116,8 +116,8 @@ fn finish(out: &Path, last: usize) -> Result<()> {
     {
         copy(&folder.join(table), &out.join(table))?;
         // Where the weights of the runs are the posterior, they are both.
-        let beside = folder.join(of_runs);
-        copy(if beside.exists() { &beside } else { &folder.join(table) }.as_path(), &out.join(of_runs))?;
+        let beside = Some(folder.join(of_runs)).filter(|beside| beside.exists());
+        copy(&beside.unwrap_or_else(|| folder.join(table)), &out.join(of_runs))?;
     }
     Ok(())
 }

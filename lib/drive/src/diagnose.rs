@@ -39,8 +39,8 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
-    let _lock = alone(&out, "gl-diagnose")?;
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    let _lock = alone(&out, "gl-diagnose")?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let diagnosis =

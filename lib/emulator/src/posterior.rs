@@ -150,6 +150,10 @@ const UNFIT_Z: f64 = 3.0;
 const UNFIT_ERROR: f64 = 1.0;
 const UNFIT_KURTOSIS: f64 = 9.0;
 
+/// From so many runs a parameter it must know enough, too: ln likelihood to this.
+const MANY_RUNS: usize = 30;
+const UNFIT_IGNORANCE: f64 = 2.0;
+
 /// Probability below which a batch is not as it was predicted.
 const DISPROVEN: f64 = 0.01;
 
@@ -589,12 +593,13 @@ impl Inference {
     }
 
     /// Whether no emulator follows the simulator, with runs enough to: the newest batch is far from what was
-    /// predicted of it, or errors are large now and then that are small otherwise.
+    /// predicted of it, errors are large now and then that are small otherwise, or it still knows too little.
     pub fn is_unfit(&self) -> bool {
         let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
         let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
         let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
-        is_enough && (is_far || is_rough)
+        let is_many = self.runs.len() >= MANY_RUNS * self.space.len() + ENOUGH_RUNS.1;
+        is_enough && (is_far || is_rough) || is_many && self.ignorance > UNFIT_IGNORANCE
     }
 
     /// The measurement as it was compared.

@@ -26,6 +26,8 @@ pub struct Calibration {
     pub verdict: Vec<Sentence>,
     /// Whether a criterion ended it, and not the number of iterations.
     pub is_done: bool,
+    /// Whether the posterior is one of draws through an emulator, and not of weights of the runs.
+    pub is_drawn: bool,
 }
 
 /// A summary, of which the quantities that every filter gives are asked for by name.
@@ -94,6 +96,8 @@ pub struct Standing {
     pub best_sample: String,
     pub best_error: String,
     pub ess_runs: String,
+    /// Whether the posterior is one of draws through an emulator.
+    pub is_drawn: bool,
     /// Whether so few runs hold the weight that intervals are widened.
     pub rests_on_few: bool,
     pub is_done: bool,
@@ -118,7 +122,8 @@ impl Calibration {
             folder: folder.to_owned(),
             posterior: Known::read(folder.join("posterior.txt"))?,
             tempered: tempered.collect::<Result<_>>()?,
-            verdict: verdict::read(&last.join("stop-verdict.txt"))?,
+            verdict: verdict::read_all(&[last.join("stop-verdict.txt"), last.join("posterior-verdict.txt")])?,
+            is_drawn: last.join("posterior-runs-weights.txt").exists(),
             is_done: (0..stop.len()).any(|row| stop.field(row, met) == "yes"),
             iterations,
         })
@@ -127,6 +132,11 @@ impl Calibration {
     /// A file in its folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.folder.join(name)
+    }
+
+    /// The weights of its runs, which stand beside the posterior where that is one of draws.
+    pub fn weights_of_runs(&self) -> PathBuf {
+        self.file(if self.is_drawn { "posterior-runs-weights.txt" } else { "posterior-weights.txt" })
     }
 
     /// The folder of the last iteration.
@@ -209,7 +219,8 @@ impl Calibration {
             best_sample: self.posterior.summary.best_sample.clone().unwrap_or_else(|| "-".to_owned()),
             best_error: short(100.0 * of("best_error")?),
             ess_runs: short(ess_runs),
-            rests_on_few: ess_runs < 2.0 * self.varied().len() as f64 + 4.0,
+            is_drawn: self.is_drawn,
+            rests_on_few: !self.is_drawn && ess_runs < 2.0 * self.varied().len() as f64 + 4.0,
             is_done: self.is_done,
         })
     }

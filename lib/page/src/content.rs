@@ -286,7 +286,7 @@ impl Gap {
         let located = work.path().join("locate.txt");
         if let Some(after) = after {
             let call = case.columns(Call::new("gl-gap-locate"));
-            let call = call.file("-w", &after.file("posterior-weights.txt")).file("-o", &located);
+            let call = call.file("-w", &after.weights_of_runs()).file("-o", &located);
             call.with([after.file("ensemble.txt").display().to_string()]).output()?;
         }
         Ok(Some(Self {

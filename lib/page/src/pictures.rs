@@ -60,8 +60,7 @@ impl Calibration {
     /// If gl-plot fails.
     pub fn fit(&self, case: &Case, caption: &str) -> Result<Picture> {
         let call = Call::new("gl-plot").with(["fit"]);
-        let call =
-            case.columns(call).option("--units", &case.units).file("-w", &self.file("posterior-weights.txt"));
+        let call = case.columns(call).option("--units", &case.units).file("-w", &self.weights_of_runs());
         draw(caption, call.with([self.file("ensemble.txt").display().to_string()]))
     }
 
@@ -78,7 +77,11 @@ impl Calibration {
             self.iterations.iter().fold(call, |call, folder| call.file("-s", &folder.join("samples.txt")))
         };
         let mut pictures = vec![draw(
-            "The weight of each run against each parameter, and the posterior below it, closely.",
+            if self.is_drawn {
+                "The weight of each draw against each parameter, and the posterior below it, closely."
+            } else {
+                "The weight of each run against each parameter, and the posterior below it, closely."
+            },
             weighed("posterior").file("--summary", &self.file("posterior.txt")),
         )?];
         if self.varied().len() > 1 {
@@ -94,10 +97,13 @@ impl Calibration {
                 .fold(call, |call, folder| call.file("--summary", &folder.join("summary.txt")))
         };
         pictures.push(draw("From iteration to iteration.", summaries(call("history")))?);
-        pictures.push(draw(
-            "From step to step of the measurement, in the last iteration.",
-            call("history").with([self.last().join("history.txt").display().to_string()]),
-        )?);
+        let steps = self.last().join("history.txt");
+        if steps.exists() {
+            pictures.push(draw(
+                "From step to step of the measurement, in the last iteration.",
+                call("history").with([steps.display().to_string()]),
+            )?);
+        }
         Ok(pictures)
     }
 }
@@ -116,12 +122,12 @@ pub fn gap(
     call = call
         .option("--units", &case.units)
         .file("-e", &base.file("ensemble.txt"))
-        .file("-w", &base.file("posterior-weights.txt"));
+        .file("-w", &base.weights_of_runs());
     if let Some((located, after)) = after {
         call = call
             .file("--after", located)
             .file("--after-ensemble", &after.file("ensemble.txt"))
-            .file("--after-weights", &after.file("posterior-weights.txt"));
+            .file("--after-weights", &after.weights_of_runs());
     }
     draw(
         "The gap over its standard deviation along the measurement; stretches that stand out are shaded, with their share of it.",

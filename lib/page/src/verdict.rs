@@ -1,6 +1,6 @@
 //! Verdicts of the tools, as sentences. What a verdict means is told by its code alone.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_table::verdict::Verdicts;
@@ -33,6 +33,22 @@ pub fn read(path: &Path) -> Result<Vec<Sentence>> {
     Ok(Verdicts::read(path)?.rows.iter().map(sentence).collect())
 }
 
+/// The rows of several tables, each that several have once.
+///
+/// # Errors
+/// See [`read`].
+pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Sentence>> {
+    let mut all: Vec<Sentence> = Vec::new();
+    for path in paths {
+        for row in read(path)? {
+            if !all.iter().any(|known| (&known.code, &known.value) == (&row.code, &row.value)) {
+                all.push(row);
+            }
+        }
+    }
+    Ok(all)
+}
+
 /// With a capital, unless it begins with the name that it is about, and a full stop.
 fn sentence(text: &str, name: &str) -> String {
     let text = text.trim().trim_end_matches('.');
@@ -59,6 +75,11 @@ const DOUBTS: &[&str] = &[
     "few-runs",
     "blind",
     "leans",
+    // of gl-posterior
+    "emulator-unfit",
+    "emulator-ignorant",
+    "noise-too-small",
+    "noise-too-large",
     // of gl-gap-attribute
     "base-fits",
     "next",

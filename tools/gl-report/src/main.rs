@@ -28,8 +28,11 @@ struct Args {
     given: Vec<String>,
 }
 
-const EXAMPLE: &str = "Example, after a calibration:
-  gl-report examples/collision --out out/collision";
+const EXAMPLE: &str = "\
+Example:
+  gl-init spheres --from collision
+  gl-calibrate spheres num=10 iterations=1 --out out/spheres
+  gl-report spheres --out out/spheres";
 
 fn run(args: &Args) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| default_out(&args.case));

@@ -42,8 +42,8 @@ pub fn is_finished(out: &Path, stages: &[PathBuf]) -> bool {
     let Some(last) = stages.last().filter(|last| is_complete(last)) else { return false };
     let time = |path: PathBuf| fs::metadata(path).and_then(|found| found.modified()).ok();
     if out.join("base").is_dir() {
-        return time(out.join("report.md"))
-            .is_some_and(|report| Some(report) >= time(last.join("samples.txt")));
+        return time(out.join("shrink.txt"))
+            .is_some_and(|shrink| Some(shrink) >= time(last.join("samples.txt")));
     }
     let read = |folder: &Path| fs::read(folder.join("posterior.txt")).ok();
     read(out).is_some() && read(out) == read(last)

@@ -29,6 +29,9 @@ const LEFTOVER_SHARE: f64 = 1e-8;
 /// Share of another emulator's error below which one is better, not by chance.
 const BETTER: f64 = 0.9;
 
+/// The same for one of half of the runs, which knows nothing of where the others stand.
+const MUCH_BETTER: f64 = 0.5;
+
 /// Starts of the search for lengths.
 const STARTS: usize = 5;
 
@@ -194,9 +197,10 @@ impl<'a> Ranked<'a> {
         let mut best: Option<Surrogate> = None;
         let mut failure = None;
         for recipe in candidates {
+            let better = if recipe.is_local { MUCH_BETTER } else { BETTER };
             match self.by(recipe, measured, seed) {
                 Ok(surrogate) => {
-                    if best.as_ref().is_none_or(|best| surrogate.rmse < BETTER * best.rmse) {
+                    if best.as_ref().is_none_or(|best| surrogate.rmse < better * best.rmse) {
                         best = Some(surrogate);
                     }
                 }
