@@ -93,7 +93,7 @@ withheld: build
 
 ## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
 bench: build
-	@scripts/bench/run
+	@scripts/dev/bench/run
 
 ## make man                         manual pages and completions, in out/man
 man: build

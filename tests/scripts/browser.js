@@ -29,6 +29,9 @@ addEventListener("load", () => {
   const beyond = [...document.querySelectorAll("body *")].filter(
     element => !element.closest(".wide, pre, svg") && element.getBoundingClientRect().right > innerWidth + 1);
 
+  // A table that is wider than its frame is cut until it is scrolled.
+  const cut = [...document.querySelectorAll(".wide")].filter(frame => frame.scrollWidth > frame.clientWidth + 1);
+
   parent.postMessage([
     "width", innerWidth,
     "scheme", matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light",
@@ -38,5 +41,6 @@ addEventListener("load", () => {
     "letters", Math.floor(10 * Math.min(...texts.map(size))) / 10,
     "contrast", Math.floor(10 * Math.min(...inks.map(ink => contrast(ink, paper)))) / 10,
     "requests", performance.getEntriesByType("resource").length,
+    "cut", cut.length,
   ].join(" "), "*");
 });

@@ -35,8 +35,8 @@ a_terminal_shows_how_far_a_tool_has_come_and_the_line_goes_again() {
     with_a_late_run
     script -qec "$collect -o ensemble.txt" typescript
     grep -q 'gl-collect: reading runs .* 1 of 2' typescript
-    # What the line ends with: back to its begin, and erased.
-    same "$(tr -d '\n' <typescript | grep -c $'\r\033\\[K')" 1
+    # What the line ends with, before the last words of script: back to its begin, and erased.
+    same "$(tr -d '\n' <typescript | grep -c $'\r\033\\[2KScript done')" 1
     same "$(wc -l <ensemble.txt)" 5
 }
 

@@ -352,4 +352,35 @@ what_holds_jobs_is_said_with_what_to_type() {
 }
 is_waiting_for_the_node() { gl-status fit >now && grep -q 'is drained' now; }
 
+a_diagnosis_lives_in_the_queue() {
+    with_pbs
+    cp -r "$ROOT/examples/contact-effects" case
+    # The embedded simulator as a command a row.
+    cat >case/one <<'END'
+#!/bin/bash
+set -e
+printf '%s\n' "${1//:/$'\t'}" "${2//:/$'\t'}" >one.txt
+gl-contact --programme cycles -s one.txt .
+END
+    chmod +x case/one
+    sed -i '/^\[model\]/,$d' case/case.toml
+    local names
+    names=$(printf '%s\n' description key && awk -F '[ \t]+' 'NR > 1 && NF && !/^#/ { print $1 }' case/params.txt)
+    cat >>case/case.toml <<END
+[model]
+local = "{case}/one $(paste -sd : <<<"$names") $(sed 's/.*/{&}/' <<<"$names" | paste -sd :)"
+
+[cluster]
+rows_per_task = 20
+END
+    ends_with 0 gl-submit case --engine pbs --diagnose --out fit num=20 iterations=2 design_num=60
+    says 'goes on when the runs have ended'
+    with_wait_for is_finished
+    local file
+    for file in base/posterior.txt design/round0/attribution.txt attribution.txt shrink.txt; do [ -s "fit/$file" ]; done
+    gl-status fit >out
+    grep -q '^base: iteration 0: ' out
+    grep -q '^design: round 0: [0-9]* runs$' out
+}
+
 facts "$@"

@@ -4,6 +4,7 @@
 //! answers go into a file of their own. The diagnosis reads the former, the scorer both.
 
 pub mod bench;
+pub mod condition;
 pub mod diagnose;
 pub mod exact;
 pub mod fit;

@@ -220,7 +220,7 @@ fn a_case_that_cannot_run_is_refused_before_the_first_run_with_all_that_is_wrong
         "embedded",
         &["effects: no effect adhesion; there are none"],
     );
-    wrong(&[("steps", "\"90:95\"")], &[], "embedded", &["the measurement has the steps 0 to 80"]);
+    wrong(&[("steps", "\"90:95\"")], &[], "embedded", &["--steps 90:95: the measurement has"]);
     wrong(
         &[("noise", "{ g = 1 }")],
         &[],

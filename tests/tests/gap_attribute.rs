@@ -12,6 +12,7 @@ use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
 use gl_numeric::sequence::Method;
 use gl_table::Table;
+use gl_table::verdict::Verdicts;
 use tempfile::TempDir;
 
 const PARAMS: &str = "name lower upper effect off\na 1 2 - -\nbend 0.2 2 bending 0\nkink 0.2 2 kinking 0\n";
@@ -116,7 +117,7 @@ fn the_effect_that_is_in_comes_first_and_no_effect_where_there_is_none() {
     let rows = bent.rows(&NOISE);
     assert_eq!(rows[0].0, "bending", "{rows:?}");
     assert!(rows[0].1 > 0.75, "{rows:?}");
-    assert_eq!(rows.len(), 5, "none, two alone, both, unexplained: {rows:?}");
+    assert_eq!(rows.len(), 8, "none, two alone, both, each with unexplained, which none is alone: {rows:?}");
     assert!((rows.iter().map(|row| row.1).sum::<f64>() - 1.0).abs() < 1e-9);
     let straight = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.0);
     assert_eq!(straight.rows(&NOISE)[0].0, "none");
@@ -169,6 +170,87 @@ fn threads_and_repetition_change_no_byte() {
     assert_eq!(one, run("5"));
 }
 
+/// Codes and values of the verdict, and the rows.
+type Concluded = (Vec<(String, String)>, Vec<(String, f64)>);
+
+fn concluded(case: &Case, more: &[&str]) -> Concluded {
+    let rows = case.rows(&[more, &["--verdict", "verdict.tsv"]].concat());
+    let verdicts = Verdicts::read(&case.path("verdict.tsv")).unwrap();
+    (verdicts.rows.into_iter().map(|verdict| (verdict.code, verdict.value)).collect(), rows)
+}
+
+fn has(concluded: &Concluded, code: &str, value: &str) -> bool {
+    concluded.0.iter().any(|(own, about)| own == code && about == value)
+}
+
+#[test]
+fn something_else_beside_it_takes_nothing_from_the_cause() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.03);
+    let more = ["--noise", "y=0.01", "--effects-out", "effects.tsv", "--rest-out", "rest.tsv"];
+    let found = concluded(&case, &more);
+    assert_eq!(found.1[0].0, "bending+unexplained", "{found:?}");
+    assert!(has(&found, "cause-with-rest", "bending"), "{found:?}");
+    let effects = Table::read(&case.path("effects.tsv")).unwrap();
+    assert!(effects.number(0, 1).unwrap() > 0.9);
+    let rest = Table::read(&case.path("rest.tsv")).unwrap();
+    assert_eq!(rest.format().columns(), ["observable", "goes_with", "share", "z", "like"]);
+    let shares = rest.numbers("share").unwrap();
+    assert!(!shares.is_empty() && shares.windows(2).all(|pair| pair[0] >= pair[1]), "{shares:?}");
+}
+
+#[test]
+fn a_noise_that_was_stated_at_a_third_takes_nothing_from_the_cause() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let found = concluded(&case, &["--noise", "y=0.0033"]);
+    assert!(found.1[0].0.starts_with("bending"), "{found:?}");
+    assert!(!found.1[0].0.contains("kinking"), "{found:?}");
+    assert!(found.0.iter().any(|(code, _)| code == "noise-scale"), "{found:?}");
+}
+
+#[test]
+fn readings_that_are_far_off_are_named_and_take_nothing_from_the_cause() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("obs.txt", |text| {
+        let off = |(t, line): (usize, &str)| {
+            let (x, y) = line.split_once(' ').unwrap();
+            let by = [(8, 0.1), (19, -0.12)].iter().find(|(at, _)| at + 1 == t).map_or(0.0, |(_, by)| *by);
+            format!("{x} {}\n", y.parse::<f64>().map_or(y.to_owned(), |y| (y + by).to_string()))
+        };
+        text.lines().enumerate().map(off).collect()
+    });
+    let found = concluded(&case, &NOISE);
+    assert_eq!(found.1[0].0, "bending", "{found:?}");
+    assert!(has(&found, "outliers", "8,19") && has(&found, "cause", "bending"), "{found:?}");
+}
+
+#[test]
+fn a_truth_beyond_a_bound_is_said_first_and_no_cause_is_settled() {
+    let case = Case::new(75, &Effects::Switch, &[2.3, 0.9, 0.0], 0.0);
+    let found = concluded(&case, &NOISE);
+    assert_eq!(found.0[0], ("leans".to_owned(), "a".to_owned()), "{found:?}");
+    assert!(!found.0.iter().any(|(code, _)| code.starts_with("cause")), "{found:?}");
+}
+
+#[test]
+fn a_candidate_that_cannot_show_takes_no_share_of_the_prior() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let before = case.rows(&NOISE);
+    case.edit("params.txt", |text| format!("{text}idle 1 2 idling 0\n"));
+    case.edit("samples.txt", |text| {
+        let more = |(row, line): (usize, &str)| match row {
+            0 => format!("{line}\tidle\n"),
+            row => format!("{line}\t{}\n", if row % 3 == 0 { 1.0 + row as f64 / 80.0 } else { 0.0 }),
+        };
+        text.lines().enumerate().map(more).collect()
+    });
+    let found = concluded(&case, &NOISE);
+    assert!(has(&found, "invisible", "idling"), "{found:?}");
+    assert_eq!(found.1[0].0, before[0].0);
+    assert!((found.1[0].1 - before[0].1).abs() < 0.1, "{found:?} {before:?}");
+    let idling = found.1.iter().filter(|(name, _)| name.contains("idling"));
+    assert!(idling.clone().count() > 0 && idling.into_iter().all(|(_, probability)| *probability == 0.0));
+}
+
 #[test]
 fn probabilities_of_effects_sum_those_of_hypotheses() {
     let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
@@ -209,7 +291,7 @@ fn an_emulator_that_is_too_uncertain_for_the_noise_asks_for_runs() {
         let output = Case::new(runs, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0).run(&["--noise", noise]);
         String::from_utf8_lossy(&output.stderr).contains("--next-out")
     };
-    assert!(said(12, "y=0.005"));
+    assert!(said(12, "y=0.002"));
     assert!(!said(75, "y=0.01"));
 }
 

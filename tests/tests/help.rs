@@ -62,7 +62,8 @@ fn every_example_runs() {
         let output = Command::new("sh")
             .args(["-e", "-c", &examples])
             .current_dir(folder.path("."))
-            .env("PATH", path_with_tools())
+            .env("PATH", format!("{}:{}", root().join("tests/scripts/fake-pbs").display(), path_with_tools()))
+            .env("FAKE_PBS", folder.path("."))
             .output()
             .unwrap();
         // gl-check-stop answers that the calibration goes on.

@@ -246,7 +246,7 @@ fn iterations_are_limited_and_added() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
     let iterations = || (0..).take_while(|i| folder.path(&format!("out/iter{i}/stop.code")).exists()).count();
-    let (_, stderr) = finish(calibrate(&folder, "embedded", "out").env("iterations", "2"));
+    let (_, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--iterations", "2"]));
     assert_eq!(iterations(), 2);
     assert!(stderr.contains("stop, by iterations"), "{stderr}");
     assert!(stderr.contains("times that of the noise"), "{stderr}");
@@ -278,7 +278,7 @@ fn iterate(folder: &Folder, arguments: &str, iteration: usize) -> (Option<i32>, 
 fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
-    finish(calibrate(&folder, "embedded", "whole").env("iterations", "2"));
+    finish(calibrate(&folder, "embedded", "whole").args(["--iterations", "2"]));
     folder.run("gl-sample -p case/params.txt -n 30 --name collision -o mine.txt");
     folder.run("gl-contact -s mine.txt mine");
     let (code, stdout, stderr) = iterate(&folder, "case mine.txt mine", 0);

@@ -164,7 +164,7 @@ fn without_weights_every_run_counts_alike_and_none_is_best() {
 
 #[test]
 fn a_posterior_shows_weights_marginals_bounds_and_truth() {
-    let svg = calibration().svg("posterior -w weights.txt -p params.txt --truth E=1.5e11");
+    let svg = calibration().svg("posterior --whole -w weights.txt -p params.txt --truth E=1.5e11");
     assert_eq!(count(&svg, "panel"), 4);
     assert_eq!([series(&svg, "weights"), series(&svg, "90 % interval"), series(&svg, "prior")], [2, 2, 2]);
     assert_eq!([series(&svg, "lower bound"), series(&svg, "truth")], [2, 1]);
@@ -263,7 +263,8 @@ fn a_close_up_is_as_wide_as_the_posterior() {
     }
     let folder = Tables::with(&[("weights.txt", &weights), ("params.txt", PARAMS)]);
     for kind in ["posterior", "pairs"] {
-        let wide = folder.svg(&format!("{kind} -w weights.txt -p params.txt"));
+        let whole = if kind == "posterior" { "--whole" } else { "" };
+        let wide = folder.svg(&format!("{kind} {whole} -w weights.txt -p params.txt"));
         assert!(has_text(&wide, "200") && !has_text(&wide, "150.0"), "{kind}");
         // The mean is 150e9, the standard deviation 1e9.
         let close = folder.svg(&format!("{kind} -w weights.txt -p params.txt --close-up"));
@@ -407,7 +408,7 @@ fn a_fit_of_ten_thousand_steps_stays_small() {
 #[test]
 fn the_same_tables_give_the_same_bytes() {
     let folder = calibration();
-    for end in ["svg", "png"] {
+    for end in ["svg", "pdf", "png"] {
         let picture = |name: &str| {
             let name = format!("{name}.{end}");
             let output = folder.run(&format!("pairs -w weights.txt -p params.txt -o {name}"));
@@ -432,6 +433,67 @@ fn a_png_has_the_size_in_print_that_was_asked_for() {
 }
 
 #[test]
+fn a_pdf_has_the_size_in_print_and_its_font_in_it() {
+    let folder = calibration();
+    assert!(folder.run("fit -b obs.txt ensemble.txt --width 85 -o fit.pdf").status.success());
+    let pdf = fs::read(folder.0.path("fit.pdf")).unwrap();
+    let text = String::from_utf8_lossy(&pdf);
+    assert!(text.starts_with("%PDF-") && text.contains("/FontFile2"));
+    let page = text.split("/MediaBox [0 0 ").nth(1).unwrap();
+    // 85 mm in points of 1/72 inch.
+    assert!(page.starts_with("240.94"), "{page:.40}");
+}
+
+#[test]
+fn a_narrow_posterior_is_shown_closely_with_its_range_above() {
+    let mut weights = String::from("sample E mu weight\n");
+    for i in 0..200 {
+        let weight = (-0.5 * ((i as f64 - 100.0) / 2.0).powi(2)).exp();
+        weights.push_str(&format!("s{i} {} 0.{} {weight}\n", 1e11 + 5e8 * i as f64, 1 + i % 4));
+    }
+    let folder = Tables::with(&[("weights.txt", &weights), ("params.txt", PARAMS)]);
+    let svg = folder.svg("posterior -w weights.txt -p params.txt");
+    // The range of E is drawn above its panels; mu is known so little that its panels show all of it.
+    assert_eq!(count(&svg, "range"), 1);
+    assert!(svg.contains("<title>range of the prior of E</title>"));
+    assert!(has_text(&svg, "1·10¹¹") && has_text(&svg, "2·10¹¹"));
+    assert_eq!([series(&svg, "prior"), series(&svg, "lower bound")], [2, 1]);
+}
+
+#[test]
+fn panels_are_headed_by_mean_and_interval() {
+    let folder = calibration();
+    let summary = "quantity value\nmean(E) 1.5e11\nq05(E) 1.1e11\nq95(E) 1.9e11\nmean(mu) 0.4\nq05(mu) 0.3\nq95(mu) 0.45\n";
+    folder.0.write("summary.txt", summary);
+    for kind in ["posterior", "pairs"] {
+        let svg = folder.svg(&format!("{kind} -w weights.txt -p params.txt --summary summary.txt"));
+        assert!(has_text(&svg, "150 (110 – 190)·10⁹") && has_text(&svg, "0.400 (0.300 – 0.450)"), "{kind}");
+    }
+}
+
+#[test]
+fn parameters_that_stand_still_are_left_out() {
+    let still = "sample E off weight\na 1e11 0 0.25\nb 2e11 0 0.75\n";
+    let folder = Tables::with(&[
+        ("weights.txt", still),
+        ("history.txt", "step sigma ess mean(E) mean(off) cv(E) cv(off)\n0 2 1 1 0 1 0\n1 2 1 2 0 1 0\n"),
+    ]);
+    assert_eq!(count(&folder.svg("pairs -w weights.txt --truth off=0"), "panel"), 1);
+    assert_eq!(count(&folder.svg("posterior -w weights.txt"), "panel"), 2);
+    assert_eq!(count(&folder.svg("history history.txt"), "panel"), 2 + 2);
+    // Where nothing moves, all is shown.
+    folder.0.write("one.txt", "sample E off weight\na 1e11 0 1\n");
+    assert_eq!(count(&folder.svg("posterior -w one.txt"), "panel"), 4);
+}
+
+#[test]
+fn the_mean_of_a_fit_lies_over_the_best_run() {
+    let svg = calibration().svg("fit -b obs.txt -c u -v f -w weights.txt ensemble.txt");
+    let place = |title: &str| svg.find(&format!("<title>{title}</title>")).unwrap();
+    assert!(place("best run 1") < place("90 % band") && place("90 % band") < place("mean"));
+}
+
+#[test]
 fn names_cannot_break_out_of_the_svg() {
     let weights = "sample a<b>&\"c weight\nx 1 0.5\ny 2 0.5\n";
     let svg = Tables::with(&[("weights.txt", weights)]).svg("posterior -w weights.txt");
@@ -442,7 +504,10 @@ fn names_cannot_break_out_of_the_svg() {
 fn bad_input_says_what_would_be_right_and_writes_nothing() {
     let folder = calibration();
     let cases = [
-        ("fit -b obs.txt ensemble.txt -o fit.pdf", "-o fit.pdf: a picture is called NAME.svg or NAME.png"),
+        (
+            "fit -b obs.txt ensemble.txt -o fit.eps",
+            "-o fit.eps: a picture is called NAME.svg, NAME.pdf or NAME.png",
+        ),
         ("fit -b obs.txt ensemble.txt -o picture", "-o picture: a picture is called"),
         ("fit -b weights.txt -c u -v f ensemble.txt", "weights.txt:1: no column"),
         ("fit -b obs.txt -v z ensemble.txt", "ensemble.txt:1: no column z"),

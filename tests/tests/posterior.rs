@@ -14,7 +14,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 /// Write the ensemble of the samples in a table: `curve(parameters, x)` at each control value.
-fn simulate(folder: &Folder, samples: &str, ensemble: &str, control: &[f64], curve: impl Fn(&[f64], f64) -> f64) {
+fn simulate(
+    folder: &Folder,
+    samples: &str,
+    ensemble: &str,
+    control: &[f64],
+    curve: impl Fn(&[f64], f64) -> f64,
+) {
     let names = folder.texts(samples, "description");
     let columns: Vec<Vec<f64>> = folder.table(samples).format().columns()[2..]
         .to_vec()
@@ -72,7 +78,11 @@ fn the_draws_of_a_line_follow_the_closed_form() {
         for noise in ["known", "jeffreys_box"] {
             let folder = linear(data, 12);
             let stated = exact(data, "known", "noise_sd");
-            let flags = if noise == "known" { format!("--noise y={stated} --noise-as-stated") } else { String::new() };
+            let flags = if noise == "known" {
+                format!("--noise y={stated} --noise-as-stated")
+            } else {
+                String::new()
+            };
             folder.run(&format!("{CALL} {flags} -n 2000"));
             if folder.quantity("summary.txt", "correlation") > 0.0 {
                 // The residuals of this data set are correlated by chance, which the closed form does not ask.
@@ -83,10 +93,21 @@ fn the_draws_of_a_line_follow_the_closed_form() {
                 let of = |kind: &str| folder.quantity("summary.txt", &format!("{kind}({name})"));
                 let true_of = |kind: &str| exact(data, noise, &format!("{kind}({name})"));
                 let spread = true_of("sd");
-                assert!((of("mean") - true_of("mean")).abs() < 0.12 * spread, "{data} {noise} {name}: {}", of("mean"));
-                assert!((of("sd") / spread - 1.0).abs() < 0.1, "{data} {noise} {name}: {}", of("sd") / spread);
+                assert!(
+                    (of("mean") - true_of("mean")).abs() < 0.12 * spread,
+                    "{data} {noise} {name}: {}",
+                    of("mean")
+                );
+                assert!(
+                    (of("sd") / spread - 1.0).abs() < 0.1,
+                    "{data} {noise} {name}: {}",
+                    of("sd") / spread
+                );
                 for kind in ["q05", "q95"] {
-                    assert!((of(kind) - true_of(kind)).abs() < 0.25 * spread, "{data} {noise} {kind}({name})");
+                    assert!(
+                        (of(kind) - true_of(kind)).abs() < 0.25 * spread,
+                        "{data} {noise} {kind}({name})"
+                    );
                 }
             }
             let [a, b] = ["a", "b"].map(|name| folder.column("draws.txt", name));
@@ -126,7 +147,9 @@ fn threads_and_the_order_of_the_runs_make_no_difference() {
 fn next_runs_are_inside_the_bounds_and_of_any_number() {
     let folder = linear("centred", 10);
     for count in [1, 2, 7, 64] {
-        folder.run(&format!("{CALL} --noise y=0.05 --next {count} --next-out next.txt --name mine --iteration 3"));
+        folder.run(&format!(
+            "{CALL} --noise y=0.05 --next {count} --next-out next.txt --name mine --iteration 3"
+        ));
         let names = folder.texts("next.txt", "description");
         assert_eq!(names.len(), count);
         assert!(names[0].starts_with("mine_Iter3_Sample0"), "{}", names[0]);
@@ -201,7 +224,8 @@ fn correlated_noise_that_was_told_white_is_said_and_counted_with() {
     simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
     folder.run(&format!("{CALL} --noise y=0.02"));
     assert_eq!(verdicts(&folder).find("noise-correlated").unwrap().value, "y");
-    let (wide, correlation) = (folder.quantity("summary.txt", "sd(a)"), folder.quantity("summary.txt", "correlation"));
+    let (wide, correlation) =
+        (folder.quantity("summary.txt", "sd(a)"), folder.quantity("summary.txt", "correlation"));
     assert!(correlation > 0.5, "{correlation}");
     assert!(folder.quantity("summary.txt", "independent_readings") < 40.0);
     folder.run(&format!("{CALL} --noise y=0.02 --noise-as-stated"));
@@ -214,7 +238,11 @@ fn white_noise_that_is_as_stated_is_not_doubted() {
     let folder = measured(80, 0.0, 1.0, |x| curve(&[0.4, 0.6], x));
     simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
     folder.run(&format!("{CALL} --noise y=0.02"));
-    assert!(verdicts(&folder).rows.iter().all(|row| !row.code.starts_with("noise")), "{:?}", verdicts(&folder));
+    assert!(
+        verdicts(&folder).rows.iter().all(|row| !row.code.starts_with("noise")),
+        "{:?}",
+        verdicts(&folder)
+    );
 }
 
 #[test]
@@ -274,15 +302,25 @@ fn a_parameter_that_stays_where_it_is_stays_there() {
 #[test]
 fn input_that_is_wrong_is_refused() {
     let folder = linear("few", 10);
-    let call = |rest: &str| format!("gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y {rest} -o out.txt");
+    let call = |rest: &str| {
+        format!("gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y {rest} -o out.txt")
+    };
     folder.refuses(&call("ensemble.txt -n 1"), &["-n 1", "at least 2"]);
     folder.refuses(&call("ensemble.txt --next 0 --next-out next.txt"), &["--next 0"]);
     folder.refuses(&call("ensemble.txt --noise q=1"), &["--noise q", "no such observable"]);
     folder.refuses(&call("ensemble.txt --steps 40:50"), &["--steps"]);
     folder.refuses(&call("ensemble.txt ensemble.txt"), &["is in ensemble.txt already"]);
-    folder.write("few.txt", folder.read("ensemble.txt").lines().take(31).collect::<Vec<_>>().join("\n") + "\n");
+    folder
+        .write("few.txt", folder.read("ensemble.txt").lines().take(31).collect::<Vec<_>>().join("\n") + "\n");
     folder.refuses(&call("few.txt"), &["3 runs for 2 inputs"]);
-    folder.write("sd.txt", folder.read("ensemble.txt").replace("x y", "x y y_sd").replace('\n', " 1\n").replacen(" 1\n", "\n", 1));
+    folder.write(
+        "sd.txt",
+        folder
+            .read("ensemble.txt")
+            .replace("x y", "x y y_sd")
+            .replace('\n', " 1\n")
+            .replacen(" 1\n", "\n", 1),
+    );
     folder.refuses(&call("sd.txt"), &["_sd columns"]);
     folder.write("effects.txt", "name lower upper effect off\na 0.25 1.14 - -\nb -4.5 0.3 shift 3\n");
     folder.run("gl-sample -p effects.txt -n 12 --effects switch -o switched.txt");

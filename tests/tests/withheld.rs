@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use pipelines::withheld::bench::Bench;
+use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, read,
@@ -13,7 +14,7 @@ use pipelines::withheld::{diagnose, generate};
 fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::named("contact").unwrap();
-    generate::generate(&bench, 30, 5, dir.path()).unwrap();
+    generate::generate(&bench, Condition::AsStated, 30, 5, dir.path()).unwrap();
     let how = How { runs: 25, in_two_rounds: true, exact: false, seed: 5 };
     diagnose::diagnose(&bench, how, dir.path()).unwrap();
     let cases = read(dir.path()).unwrap();

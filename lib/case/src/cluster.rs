@@ -97,7 +97,8 @@ impl Cluster {
         toml::from_str(text).map_err(|error| {
             let start = error.span().map_or(0, |span| span.start.min(text.len()));
             let line = text[..start].matches('\n').count() + 1;
-            let key = text.lines().nth(line - 1).and_then(|it| it.split_once('=')).map_or("", |it| it.0.trim());
+            let key =
+                text.lines().nth(line - 1).and_then(|it| it.split_once('=')).map_or("", |it| it.0.trim());
             let at = if error.message().contains(key) { String::new() } else { format!("{key}: ") };
             anyhow!("{source}:{line}: {at}{}", error.message())
         })
@@ -172,9 +173,10 @@ fn words<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::E
 
 fn at_least<'de, D: Deserializer<'de>>(deserializer: D, least: i64) -> Result<usize, D::Error> {
     let number = i64::deserialize(deserializer)?;
-    usize::try_from(number).ok().filter(|_| number >= least).ok_or_else(|| {
-        de::Error::custom(format!("{number}: give a whole number from {least}"))
-    })
+    usize::try_from(number)
+        .ok()
+        .filter(|_| number >= least)
+        .ok_or_else(|| de::Error::custom(format!("{number}: give a whole number from {least}")))
 }
 
 fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<usize, D::Error> {

@@ -1,26 +1,26 @@
 //! Progress on a terminal.
 
 use std::env;
-use std::io::{self, IsTerminal, Write};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::fmt::Write;
+use std::io::{self, IsTerminal};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::sync::{Mutex, RwLock};
+use std::thread;
+use std::time::Duration;
 
 use gl_progress::Watcher;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
 /// What is over sooner is not worth a line.
 const PATIENCE: Duration = Duration::from_millis(500);
 const REDRAW: Duration = Duration::from_millis(200);
-const CELLS: usize = 24;
 
 /// One line on stderr that says how far the tool has come, and is gone when it has.
 pub struct Line {
     tool: String,
-    done: Arc<AtomicUsize>,
-    /// The thread that draws, and what ends it when it is dropped.
-    drawing: Mutex<Option<(Sender<()>, JoinHandle<()>)>>,
+    bar: RwLock<Option<ProgressBar>>,
+    /// Dropped when what began has ended.
+    begun: Mutex<Option<Sender<()>>>,
 }
 
 impl Line {
@@ -29,64 +29,70 @@ impl Line {
         let can_erase = env::var_os("TERM").is_some_and(|name| name != "dumb");
         (can_erase && io::stderr().is_terminal()).then(|| Self {
             tool: tool.to_owned(),
-            done: Arc::default(),
-            drawing: Mutex::default(),
+            bar: RwLock::default(),
+            begun: Mutex::default(),
         })
     }
 }
 
 impl Watcher for Line {
     fn begin(&self, what: &str, pieces: usize) {
-        self.done.store(0, Ordering::Relaxed);
-        let head = format!("{}: {what}", self.tool);
-        let (done, (sender, receiver)) = (Arc::clone(&self.done), channel::<()>());
-        let start = Instant::now();
-        let draw = move || {
-            let (mut wait, mut is_drawn) = (PATIENCE, false);
-            while receiver.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
-                write(&state(&head, done.load(Ordering::Relaxed), pieces, start.elapsed()));
-                (wait, is_drawn) = (REDRAW, true);
-            }
-            if is_drawn {
-                write("");
+        let bar = ProgressBar::with_draw_target(Some(pieces as u64), ProgressDrawTarget::hidden())
+            .with_style(style())
+            .with_message(format!("{}: {what}", self.tool));
+        let (sender, receiver) = channel::<()>();
+        let waiting = bar.clone();
+        let show = move || {
+            if receiver.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                waiting.set_draw_target(ProgressDrawTarget::stderr());
+                waiting.enable_steady_tick(REDRAW);
+                // It goes when what began ends.
+                let _ = receiver.recv();
+                waiting.finish_and_clear();
             }
         };
-        if let Ok(mut drawing) = self.drawing.lock() {
-            *drawing = thread::Builder::new().spawn(draw).ok().map(|thread| (sender, thread));
+        // Without a thread there is no line, which is no reason to fail.
+        let shown = thread::Builder::new().spawn(show);
+        if let (Ok(mut begun), Ok(mut slot)) = (self.begun.lock(), self.bar.write()) {
+            *begun = shown.is_ok().then_some(sender);
+            *slot = Some(bar);
         }
     }
 
     fn advance(&self) {
-        self.done.fetch_add(1, Ordering::Relaxed);
+        if let Ok(bar) = self.bar.read() {
+            bar.iter().for_each(|bar| bar.inc(1));
+        }
     }
 
     fn end(&self) {
-        let drawing = self.drawing.lock().ok().and_then(|mut drawing| drawing.take());
-        if let Some((sender, thread)) = drawing {
-            drop(sender);
-            let _ = thread.join();
+        if let Ok(mut begun) = self.begun.lock() {
+            drop(begun.take());
+        }
+        if let Some(bar) = self.bar.write().ok().and_then(|mut bar| bar.take()) {
+            bar.finish_and_clear();
         }
     }
 }
 
-/// Put a text in place of the line.
-fn write(text: &str) {
-    let mut stderr = io::stderr();
-    // A terminal that is gone is no reason to die.
-    let _ = write!(stderr, "\r{text}\x1b[K").and_then(|()| stderr.flush());
+fn style() -> ProgressStyle {
+    let style = ProgressStyle::with_template("{msg} {bar:16} {pos} of {len}{left}");
+    style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("#.").with_key(
+        "left",
+        |state: &ProgressState, text: &mut dyn Write| {
+            // A line without it is as good.
+            let _ = text.write_str(&left(state.pos(), state.len().unwrap_or(0), state.elapsed()));
+        },
+    )
 }
 
-fn state(head: &str, done: usize, pieces: usize, elapsed: Duration) -> String {
-    let full = (CELLS * done.min(pieces)).checked_div(pieces).unwrap_or(0);
-    let bar = format!("{}{}", "#".repeat(full), ".".repeat(CELLS - full));
-    let left = match done {
-        0 => String::new(),
-        _ => {
-            let seconds = elapsed.as_secs_f64() * pieces.saturating_sub(done) as f64 / done as f64;
-            format!(", about {} left", duration(seconds))
-        }
-    };
-    format!("{head} {bar} {done} of {pieces}{left}")
+/// How long the rest takes, by the time of what is done.
+fn left(done: u64, pieces: u64, elapsed: Duration) -> String {
+    if done == 0 {
+        return String::new();
+    }
+    let seconds = elapsed.as_secs_f64() * pieces.saturating_sub(done) as f64 / done as f64;
+    format!(", about {} left", duration(seconds))
 }
 
 fn duration(seconds: f64) -> String {
@@ -102,12 +108,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_what_is_done_and_how_long_the_rest_takes() {
-        assert_eq!(
-            state("gl-emulate: training", 5, 20, Duration::from_secs(10)),
-            "gl-emulate: training ######.................. 5 of 20, about 30 s left"
-        );
-        assert_eq!(state("a: b", 0, 0, PATIENCE), format!("a: b {} 0 of 0", ".".repeat(CELLS)));
+    fn a_line_says_how_long_the_rest_takes() {
+        assert_eq!(left(5, 20, Duration::from_secs(10)), ", about 30 s left");
+        assert_eq!(left(0, 20, PATIENCE), "");
         assert_eq!([duration(98.2), duration(400.0), duration(7200.0)], ["99 s", "7 min", "2.0 h"]);
     }
 }

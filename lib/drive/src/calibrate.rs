@@ -5,9 +5,11 @@ pub(crate) mod emulated;
 pub(crate) mod iteration;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
 use crate::check;
@@ -54,6 +56,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
+    let _lock = alone(&out, "gl-calibrate")?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let setting = Setting {
@@ -90,6 +93,14 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     finish(&out, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
+}
+
+/// The folder for this driver alone. One that was killed leaves steps that end soon.
+///
+/// # Errors
+/// If another driver works there.
+pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
+    OutLock::take_within(out, tool, Duration::from_secs(5), &|text| gl_cli::note(tool, text))
 }
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.

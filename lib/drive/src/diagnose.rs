@@ -13,6 +13,7 @@ use gl_table::{Table, TableWriter};
 
 use crate::Progress;
 use crate::arguments::Request;
+use crate::calibrate::alone;
 use crate::check;
 use crate::columns::measurement;
 use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};
@@ -39,6 +40,7 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    let _lock = alone(&out, "gl-diagnose")?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let diagnosis =

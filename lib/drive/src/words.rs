@@ -19,7 +19,8 @@ pub(crate) fn known(value: Option<f64>) -> f64 {
 pub fn iteration(number: usize, folder: &Path) -> Result<String> {
     let tempered = Summary::read(&folder.join("summary.txt"))?;
     let posterior = Summary::read(&folder.join("posterior.txt"))?;
-    let counts = format!("iteration {number}: {} runs, {} failed", known(tempered.runs), known(tempered.failed));
+    let counts =
+        format!("iteration {number}: {} runs, {} failed", known(tempered.runs), known(tempered.failed));
     let mut line = match tempered.ignorance {
         Some(ignorance) => format!(
             "{counts}; the emulator leaves {} of ln likelihood open; error {}, best run {};",
@@ -28,7 +29,7 @@ pub fn iteration(number: usize, folder: &Path) -> Result<String> {
             rounded(known(tempered.best_error), 3)
         ),
         None => format!(
-        "{counts}; sigma {} (noise {}), ess {} of the runs; error {}, best {};",
+            "{counts}; sigma {} (noise {}), ess {} of the runs; error {}, best {};",
             rounded(known(tempered.sigma), 3),
             rounded(known(tempered.sigma_noise), 3),
             rounded(known(tempered.ess), 2),

@@ -294,7 +294,8 @@ impl Gp {
     /// Covariance of the process at two points, given the readings.
     pub fn covariance(&self, a: &Place, b: &Place) -> f64 {
         self.variance
-            * (self.scaled.correlation(&a.at, &b.at) - dot(&a.whitened, &b.whitened) + dot(&a.terms, &b.terms))
+            * (self.scaled.correlation(&a.at, &b.at) - dot(&a.whitened, &b.whitened)
+                + dot(&a.terms, &b.terms))
     }
 
     fn scale(&self, x: &[f64]) -> Vec<f64> {
@@ -403,11 +404,9 @@ mod tests {
     #[test]
     fn the_gradient_is_the_difference_quotient_of_the_likelihood() {
         let (rows, y) = example(25);
-        for (mean, kernel) in [
-            (Mean::Zero, Kernel::Matern),
-            (Mean::Constant, Kernel::Gaussian),
-            (Mean::Linear, Kernel::Matern),
-        ] {
+        for (mean, kernel) in
+            [(Mean::Zero, Kernel::Matern), (Mean::Constant, Kernel::Gaussian), (Mean::Linear, Kernel::Matern)]
+        {
             let points = Points::new(&rows, mean).unwrap().with_kernel(kernel);
             for variance in [None, Some(0.7)] {
                 let (_, gradient) = ln_likelihood(&points, &y, &hyper(variance)).unwrap();

@@ -181,7 +181,11 @@ impl Emulator {
 
         let rows: Vec<Vec<f64>> = coordinates.iter().map(|run| inputs.at(run)).collect();
         let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
-        let search = Search { mean: options.mean.unwrap_or(default_mean), starts: options.starts, short_length: options.short_length };
+        let search = Search {
+            mean: options.mean.unwrap_or(default_mean),
+            starts: options.starts,
+            short_length: options.short_length,
+        };
         let points = Points::new(&rows, search.mean)?.with_kernel(options.kernel);
         let stage = stage("training the emulator", components.basis.ncols());
         let processes = (0..components.basis.ncols())

@@ -210,7 +210,16 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let outcome = sampler.settle(likelihood.nuisances(), &population)?;
     stage.advance();
 
-    finish(space.clone(), surrogate, measured, outcome, proof, &ranked, (question.samples, &ensemble), options)
+    finish(
+        space.clone(),
+        surrogate,
+        measured,
+        outcome,
+        proof,
+        &ranked,
+        (question.samples, &ensemble),
+        options,
+    )
 }
 
 fn measured(question: &Question<'_>, observations: &Observations) -> Result<Measured> {
@@ -238,9 +247,8 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
     let warps: Vec<Warp> = (0..ranges.len())
         .map(|j| {
             let size = |values: &[f64]| values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-            let runs = (0..question.ensemble.len()).map(|run| {
-                size(&question.ensemble.curve(run, j)[question.steps.clone()])
-            });
+            let runs = (0..question.ensemble.len())
+                .map(|run| size(&question.ensemble.curve(run, j)[question.steps.clone()]));
             Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max))
         })
         .collect();
@@ -295,17 +303,13 @@ fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Opt
 }
 
 /// Whether the simulation's scatter is large enough to make a difference.
-fn scatter_counts(
-    surrogate: &Surrogate,
-    space: &Space,
-    measured: &Measured,
-    nuisances: &Nuisances,
-) -> bool {
+fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nuisances: &Nuisances) -> bool {
     let emulator = &surrogate.emulator;
     let exact = NoiseAt { scatter: 0.0, variance: 1.0, correlation: vec![0.0; measured.observables()] };
     let likelihood = Likelihood::new(emulator, space, measured, 1.0, nuisances.clone());
     let importance = likelihood.importance(&exact);
-    let counts: f64 = emulator.nugget().iter().enumerate().map(|(c, nugget)| nugget * importance[(c, c)]).sum();
+    let counts: f64 =
+        emulator.nugget().iter().enumerate().map(|(c, nugget)| nugget * importance[(c, c)]).sum();
     // Where the noise is not known, what counts is not either.
     !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
 }
@@ -477,15 +481,12 @@ fn parameters_of(population: &Population, space: &Space) -> Vec<Vec<f64>> {
 fn prior_sd(space: &Space) -> Result<Vec<f64>> {
     let points = from_prior(space, 0, 500, 0)?;
     let weights = vec![1.0 / points.len() as f64; points.len()];
-    Ok((0..space.len())
-        .map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &weights))
-        .collect())
+    Ok((0..space.len()).map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &weights)).collect())
 }
 
 /// The points of the highest likelihood.
 fn fittest(likelihood: &Likelihood<'_>, points: Vec<Vec<f64>>, count: usize) -> Vec<Vec<f64>> {
-    let mut fits: Vec<(f64, Vec<f64>)> =
-        points.into_par_iter().map(|x| (likelihood.fit(&x).ln, x)).collect();
+    let mut fits: Vec<(f64, Vec<f64>)> = points.into_par_iter().map(|x| (likelihood.fit(&x).ln, x)).collect();
     fits.sort_by(|a, b| b.0.total_cmp(&a.0));
     fits.truncate(count);
     fits.into_iter().map(|(_, x)| x).collect()
@@ -510,7 +511,8 @@ fn finish(
         .par_iter()
         .map(|x| {
             let scores = surrogate.emulator.mean_scores(&space.coordinates(x));
-            let curve = surrogate.emulator.centre() + surrogate.emulator.basis() * nalgebra::DVector::from_vec(scores);
+            let curve = surrogate.emulator.centre()
+                + surrogate.emulator.basis() * nalgebra::DVector::from_vec(scores);
             measured.residual(curve.as_slice())
         })
         .collect();
@@ -542,10 +544,14 @@ fn finish(
     });
     let places = order
         .iter()
-        .map(|&run| index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i])))
+        .map(|&run| {
+            index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i]))
+        })
         .collect();
-    let run = |&run: &usize| {
-        Run { name: ensemble.samples[run].clone(), misfit: misfit(run), error: error(&residuals[run]) }
+    let run = |&run: &usize| Run {
+        name: ensemble.samples[run].clone(),
+        misfit: misfit(run),
+        error: error(&residuals[run]),
     };
     let runs = order.iter().map(run).collect();
     Ok(Inference {
@@ -632,8 +638,7 @@ impl Inference {
     pub fn is_unfit(&self) -> bool {
         let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
         let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
-        let is_rough =
-            self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
+        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
         let is_many = self.runs.len() >= MANY_RUNS * self.space.len() + ENOUGH_RUNS.1;
         is_enough && (is_far || is_rough) || is_many && self.ignorance > UNFIT_IGNORANCE
     }

@@ -100,7 +100,9 @@ fn best(
 ) -> Result<Vec<f64>> {
     starts
         .iter()
-        .filter_map(|start| minimise(|theta| objective(points, y, theta, search.short_length), start, bounds, stop))
+        .filter_map(|start| {
+            minimise(|theta| objective(points, y, theta, search.short_length), start, bounds, stop)
+        })
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(theta, _)| theta)
         .context("no correlation lengths give a covariance with a Cholesky factor")

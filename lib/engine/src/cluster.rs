@@ -34,9 +34,9 @@ use crate::complete::{missing, missing_of};
 use crate::control::{noted_in, quoted};
 use crate::folder::{RunFolder, remove, write};
 use crate::job::Job;
+use crate::process::Termination;
 use crate::publish::put_status;
 use crate::report::{Report, report};
-use crate::process::Termination;
 use crate::row::{Log as RunLog, Outcome as RowOutcome, run_rows};
 use crate::scheduler::{Log, NoAnswer, Noted, Request, Scheduler, Tasks};
 
@@ -116,7 +116,10 @@ impl Array<'_> {
     pub fn run(mut self) -> Result<Outcome> {
         self.batch.folder.lock(self.say)?;
         if self.jobs_file().exists() && self.is_own()? {
-            (self.say)(&format!("{}: waiting for the runs that are in the queue already", self.dir().display()));
+            (self.say)(&format!(
+                "{}: waiting for the runs that are in the queue already",
+                self.dir().display()
+            ));
             self.wait()?;
             self.settle()?;
         }
@@ -146,7 +149,8 @@ impl Array<'_> {
                 return Ok(Outcome::Queued(noted));
             }
             self.settle()?;
-            let is_same = || RunFolder::table(&self.work()).is_ok_and(|table| table.text() == self.batch.table.text());
+            let is_same =
+                || RunFolder::table(&self.work()).is_ok_and(|table| table.text() == self.batch.table.text());
             goes_on = self.idle_file().exists() && is_same();
         }
         let (before, rows) = if goes_on {
@@ -256,7 +260,10 @@ impl Array<'_> {
             tasks,
             after: &after,
             folder: self.dir(),
-            log: Log::Tasks { file: &self.dir().join(format!("{}.log", self.scheduler.engine())), folder: &self.work() },
+            log: Log::Tasks {
+                file: &self.dir().join(format!("{}.log", self.scheduler.engine())),
+                folder: &self.work(),
+            },
         };
         match self.scheduler.submit(&request, self.say) {
             Ok(id) => {
@@ -290,7 +297,10 @@ impl Array<'_> {
             script.push_str(&format!("module load {} || exit 2\n", self.cluster.modules.join(" ")));
         }
         let program = quoted(&self.batch.job.gl_run.display().to_string());
-        script.push_str(&format!("exec {program} task {} \"$1\"\n", quoted(&self.work().display().to_string())));
+        script.push_str(&format!(
+            "exec {program} task {} \"$1\"\n",
+            quoted(&self.work().display().to_string())
+        ));
         script
     }
 
@@ -335,7 +345,9 @@ impl Array<'_> {
             let reason = self.scheduler.ending(task.trim());
             if !self.dir().join(format!("{name}.status")).exists() {
                 put_status(self.dir(), name, &format!("137 {}", reason.as_deref().unwrap_or("KILLED")))?;
-            } else if let Some(reason) = reason.filter(|reason| !matches!(reason.as_str(), "FAILED" | "COMPLETED")) {
+            } else if let Some(reason) =
+                reason.filter(|reason| !matches!(reason.as_str(), "FAILED" | "COMPLETED"))
+            {
                 put_status(self.dir(), name, &format!("137 {reason}"))?;
             }
             remove(&path)?;
@@ -348,7 +360,8 @@ impl Array<'_> {
     fn next_round(&self) -> Result<Vec<usize>> {
         let missing = missing(&self.batch.table, self.dir())?;
         let is_tried = |row: usize| self.batch.file(row, ".status").exists();
-        let (failed, mut lost): (Vec<usize>, Vec<usize>) = missing.into_iter().partition(|&row| is_tried(row));
+        let (failed, mut lost): (Vec<usize>, Vec<usize>) =
+            missing.into_iter().partition(|&row| is_tried(row));
         let submitted = Task::load(&self.work())?.rows.len();
         let idle = if lost.len() < submitted { 0 } else { number_in(&self.idle_file()) + 1 };
         write(&self.idle_file(), format!("{idle}\n").as_bytes())?;
@@ -368,12 +381,13 @@ impl Array<'_> {
     fn note_failures(&self, failed: &[usize]) -> Result<HashMap<usize, usize>> {
         let path = self.work().join("failures");
         let cannot = || format!("{}: cannot be written", path.display());
-        let mut file =
-            OpenOptions::new().create(true).append(true).open(&path).with_context(cannot)?;
+        let mut file = OpenOptions::new().create(true).append(true).open(&path).with_context(cannot)?;
         let lines: String = failed.iter().map(|row| format!("{row}\n")).collect();
         file.write_all(lines.as_bytes()).with_context(cannot)?;
         let mut times = HashMap::new();
-        for row in fs::read_to_string(&path).with_context(cannot)?.lines().filter_map(|line| line.parse().ok()) {
+        for row in
+            fs::read_to_string(&path).with_context(cannot)?.lines().filter_map(|line| line.parse().ok())
+        {
             *times.entry(row).or_insert(0) += 1;
         }
         Ok(times)
@@ -400,12 +414,14 @@ pub fn run_task(work: &Path, first: usize, termination: &Termination) -> Result<
     let task = Task::load(work)?;
     let mut job = Job::load(work)?;
     let table = RunFolder::table(work)?;
-    let index = ["SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID"].iter().find_map(|name| env::var(name).ok());
+    let index =
+        ["SLURM_ARRAY_TASK_ID", "PBS_ARRAY_INDEX", "PBS_ARRAYID"].iter().find_map(|name| env::var(name).ok());
     let index: usize = match &index {
         None => 0,
         Some(text) => text.parse().with_context(|| format!("{text:?} is no number of a task"))?,
     };
-    job.scratch = Some(scratch(task.scratch.as_deref(), work)?);
+    let named = task.scratch.as_deref().or(job.scratch.as_deref());
+    job.scratch = Some(scratch(named, work)?);
     started(work)?;
     // A task that the scheduler starts again after a node has failed goes on where it was.
     let rows = missing_of(&table, task.share(first + index), &job.dir)?;
@@ -424,14 +440,17 @@ fn task_name() -> String {
     let named = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
     match (named("SLURM_ARRAY_JOB_ID"), named("SLURM_ARRAY_TASK_ID")) {
         (Some(array), Some(index)) => format!("{array}_{index}"),
-        _ => named("SLURM_JOB_ID").or_else(|| named("PBS_JOBID")).unwrap_or_else(|| process::id().to_string()),
+        _ => {
+            named("SLURM_JOB_ID").or_else(|| named("PBS_JOBID")).unwrap_or_else(|| process::id().to_string())
+        }
     }
 }
 
 /// A node's own disk spares the shared file system; what a site calls it differs.
 fn scratch(site: Option<&Path>, work: &Path) -> Result<PathBuf> {
     let named = ["SLURM_TMPDIR", "TMPDIR"].iter().filter_map(|name| env::var_os(name).map(PathBuf::from));
-    let mut folders = site.map(Path::to_owned).into_iter().chain(named).chain([PathBuf::from("/tmp"), work.to_owned()]);
+    let mut folders =
+        site.map(Path::to_owned).into_iter().chain(named).chain([PathBuf::from("/tmp"), work.to_owned()]);
     match folders.find(|folder| tempfile::tempfile_in(folder).is_ok()) {
         Some(folder) => Ok(folder),
         None => bail!("no folder for scratch files: neither a disk of the node nor {}", work.display()),
@@ -445,5 +464,166 @@ fn started(work: &Path) -> Result<()> {
             Err(error).with_context(|| format!("{}: cannot be written", work.display()))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+    use crate::call::Call;
+    use crate::job::Limit;
+    use crate::scheduler::Job as Queued;
+
+    /// What a scheduler does with an array: nothing, run it, or refuse it.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Does {
+        Lose,
+        Fail,
+        Refuse,
+        NoAnswer,
+    }
+
+    /// A scheduler of arrays of two tasks, which does one thing after another.
+    struct Fake {
+        work: PathBuf,
+        does: RefCell<Vec<Does>>,
+        names: RefCell<Vec<String>>,
+    }
+
+    impl Scheduler for Fake {
+        fn engine(&self) -> &'static str {
+            "slurm"
+        }
+        fn check(&self) -> Result<()> {
+            Ok(())
+        }
+        fn largest_array(&self) -> Option<usize> {
+            Some(2)
+        }
+        fn follows_arrays(&self) -> bool {
+            true
+        }
+        fn array_name(&self, first: usize) -> String {
+            format!("gl-{first}-{}", self.names.borrow().len())
+        }
+        fn control_name(&self, _: &Path) -> String {
+            String::new()
+        }
+        fn own_job(&self) -> Option<String> {
+            None
+        }
+        fn submit(&self, request: &Request, _: Say) -> Result<String> {
+            let noted = noted_in(&self.work.join("jobs"))?;
+            let last = noted.last().expect("a name is noted before anything is submitted");
+            assert_eq!((last.name.as_str(), &last.id), (request.name, &None));
+            self.names.borrow_mut().push(request.name.to_owned());
+            let does = self.does.borrow_mut().pop().unwrap_or(Does::Lose);
+            match does {
+                Does::Refuse => bail!("sbatch refused: too many jobs"),
+                Does::NoAnswer => bail!(NoAnswer("timed out".to_owned())),
+                Does::Lose => {}
+                Does::Fail => {
+                    let task = Task::load(&self.work)?;
+                    for row in task.rows {
+                        put_status(self.work.parent().unwrap(), &format!("r{row}"), "3")?;
+                    }
+                }
+            }
+            Ok("17".to_owned())
+        }
+        fn queued(&self, _: &[Noted]) -> Result<Vec<Queued>> {
+            Ok(Vec::new())
+        }
+        fn ending(&self, _: &str) -> Option<String> {
+            None
+        }
+        fn cancel(&self, _: &[Queued], _: Say) {}
+        fn held_up(&self, _: &[Queued]) -> Vec<String> {
+            Vec::new()
+        }
+    }
+
+    /// Four rows, one a task, in a new folder.
+    fn with<T>(does: &[Does], retries: usize, act: impl Fn(Array, &Fake) -> T) -> T {
+        let folder = tempfile::tempdir().unwrap();
+        let samples = folder.path().join("samples.txt");
+        fs::write(&samples, "description\ta\nr0\t0\nr1\t1\nr2\t2\nr3\t3\n").unwrap();
+        let call = Call {
+            samples,
+            model: "true".to_owned(),
+            dir: folder.path().join("runs"),
+            case: folder.path().to_owned(),
+            limit: Limit::default(),
+            packed: false,
+            scratch: None,
+        };
+        let batch = call.check().unwrap();
+        let does = does.iter().rev().copied().collect();
+        let fake = Fake { work: batch.folder.work(), does: RefCell::new(does), names: RefCell::default() };
+        let cluster = Cluster { retries, poll: Some(0.01), ..Cluster::default() };
+        act(Array { batch, cluster: &cluster, scheduler: &fake, say: &|_| () }, &fake)
+    }
+
+    fn report(outcome: Result<Outcome>) -> Report {
+        match outcome.unwrap() {
+            Outcome::Ended(report) => report,
+            Outcome::Queued(jobs) => panic!("{jobs:?}"),
+        }
+    }
+
+    #[test]
+    fn rows_that_are_lost_three_times_in_a_row_have_failed() {
+        with(&[], 0, |array, fake| {
+            let report = report(array.run());
+            assert_eq!(report.failed.len(), 4);
+            assert!(report.failed.iter().all(|(_, status)| status == "137 LOST"));
+            // Three rounds of two arrays.
+            assert_eq!(fake.names.borrow().len(), 6);
+        });
+    }
+
+    #[test]
+    fn rows_that_fail_are_submitted_again_as_often_as_the_site_allows() {
+        for retries in [0, 2] {
+            with(&[Does::Fail; 6], retries, |array, fake| {
+                assert_eq!(report(array.run()).failed.len(), 4);
+                assert_eq!(fake.names.borrow().len(), 2 * (retries + 1));
+            });
+        }
+    }
+
+    #[test]
+    fn where_the_site_takes_no_more_the_rest_is_submitted_later() {
+        with(&[Does::Fail, Does::Refuse], 0, |array, fake| {
+            assert_eq!(report(array.run()).failed.len(), 4);
+            assert_eq!(fake.names.borrow().len(), 2);
+        });
+    }
+
+    #[test]
+    fn what_is_refused_at_once_is_an_error_and_leaves_nothing_in_the_queue() {
+        with(&[Does::Refuse], 0, |array, fake| {
+            assert_eq!(array.run().unwrap_err().to_string(), "sbatch refused: too many jobs");
+            assert!(!fake.work.join("jobs").exists());
+        });
+    }
+
+    #[test]
+    fn what_may_have_been_taken_stays_noted() {
+        with(&[Does::NoAnswer], 0, |array, fake| {
+            assert!(array.advance().unwrap_err().is::<NoAnswer>());
+            assert_eq!(noted_in(&fake.work.join("jobs")).unwrap().len(), 1);
+        });
+    }
+
+    #[test]
+    fn tasks_share_the_rows() {
+        let task = Task { rows: vec![1, 3, 5, 7, 9], rows_per_task: 2, scratch: None };
+        assert_eq!(
+            [0, 1, 2, 3].map(|number| task.share(number).to_vec()),
+            [vec![1, 3], vec![5, 7], vec![9], vec![]]
+        );
     }
 }

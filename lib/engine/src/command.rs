@@ -120,7 +120,9 @@ pub mod recorded {
         fn call(&self, program: &str, arguments: &[String], _: Duration) -> io::Result<Said> {
             self.calls.borrow_mut().push(format!("{program} {}", arguments.join(" ")));
             match self.answers.borrow_mut().pop_front().expect("one call more than recorded") {
-                Answer::Says(text) => Ok(Said { is_success: true, stdout: text.to_owned(), ..Said::default() }),
+                Answer::Says(text) => {
+                    Ok(Said { is_success: true, stdout: text.to_owned(), ..Said::default() })
+                }
                 Answer::Fails(text) => Ok(Said { stderr: text.to_owned(), ..Said::default() }),
                 Answer::Missing => Err(io::ErrorKind::NotFound.into()),
                 Answer::Hangs => Err(io::ErrorKind::TimedOut.into()),

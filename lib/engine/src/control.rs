@@ -86,7 +86,8 @@ impl Record {
 
     /// Its arguments, as far as `gl-submit` takes them too.
     fn arguments(&self, out: &Path) -> Vec<OsString> {
-        let mut words: Vec<OsString> = vec![self.case.clone().into(), "--engine".into(), self.engine.name().into()];
+        let mut words: Vec<OsString> =
+            vec![self.case.clone().into(), "--engine".into(), self.engine.name().into()];
         words.extend(["--out".into(), out.into()]);
         words.extend(self.given.iter().map(OsString::from));
         words

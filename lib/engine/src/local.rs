@@ -32,7 +32,8 @@ pub fn run(batch: &mut Batch, jobs: NonZeroUsize, say: Say) -> Result<Report> {
     batch.job.save()?;
     run_all(batch, &rows, jobs.get(), say);
     let report = report(&batch.table, batch.folder.dir(), &rows)?;
-    batch.folder.end()?;
+    // What a model has left running may still write there; the next call removes it.
+    batch.folder.end().unwrap_or_else(|error| say(&format!("{error:#}")));
     Ok(report)
 }
 

@@ -84,7 +84,8 @@ impl OutLock {
                     return Ok(Self { holder: String::new(), file: None });
                 }
                 Err(error) => {
-                    return Err(io::Error::from(error)).with_context(|| format!("{}: cannot be locked", path.display()));
+                    return Err(io::Error::from(error))
+                        .with_context(|| format!("{}: cannot be locked", path.display()));
                 }
             }
         }
@@ -203,8 +204,9 @@ mod tests {
         let out = tempfile::tempdir().unwrap();
         let first = OutLock::take(out.path(), "first", &silent).unwrap();
         thread::scope(|scope| {
-            let second =
-                scope.spawn(|| OutLock::take_within(out.path(), "second", Duration::from_secs(20), &silent).is_ok());
+            let second = scope.spawn(|| {
+                OutLock::take_within(out.path(), "second", Duration::from_secs(20), &silent).is_ok()
+            });
             thread::sleep(Duration::from_millis(200));
             drop(first);
             assert!(second.join().unwrap());

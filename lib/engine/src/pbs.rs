@@ -46,8 +46,9 @@ impl<C: Caller> Pbs<C> {
     /// PBS, unlike Torque, says so in its version.
     fn is_pbs(&self) -> bool {
         *self.is_pbs.get_or_init(|| {
-            self.call("qsub", &["--version".to_owned()])
-                .is_ok_and(|said| format!("{}{}", said.stdout, said.stderr).to_lowercase().contains("pbs_version"))
+            self.call("qsub", &["--version".to_owned()]).is_ok_and(|said| {
+                format!("{}{}", said.stdout, said.stderr).to_lowercase().contains("pbs_version")
+            })
         })
     }
 
@@ -64,10 +65,12 @@ impl<C: Caller> Pbs<C> {
         }
         if let Some(time) = time {
             // A number alone is one of minutes to SLURM, and of seconds to PBS.
-            let time = time.parse::<u64>().map_or_else(|_| time.clone(), |minutes| (minutes * 60).to_string());
+            let time =
+                time.parse::<u64>().map_or_else(|_| time.clone(), |minutes| (minutes * 60).to_string());
             add("-l", format!("walltime={time}"));
         }
-        let memory = |separator: char| mem.as_ref().map(|mem| format!("{separator}mem={mem}")).unwrap_or_default();
+        let memory =
+            |separator: char| mem.as_ref().map(|mem| format!("{separator}mem={mem}")).unwrap_or_default();
         add(
             "-l",
             if self.is_pbs() {
@@ -206,9 +209,10 @@ fn is_over(text: &str) -> bool {
 
 /// The state in the table of qstat; nothing for a job that is complete (C, F).
 fn parse_state(text: &str) -> Option<String> {
-    let letter = text.lines().filter_map(|line| line.split_whitespace().nth(4)).find(|word| {
-        word.len() == 1 && word.bytes().all(|byte| byte.is_ascii_uppercase())
-    })?;
+    let letter = text
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(4))
+        .find(|word| word.len() == 1 && word.bytes().all(|byte| byte.is_ascii_uppercase()))?;
     let word = match letter {
         "C" | "F" => return None,
         "B" => "begun",
@@ -297,7 +301,8 @@ mod tests {
         assert!(pbs([table('C')]).0.queued(&noted("17")).unwrap().is_empty());
         assert!(pbs([Fails("qstat: Unknown Job Id 17.server")]).0.queued(&noted("17")).unwrap().is_empty());
         assert!(pbs([Fails("qstat: 17.server Job has finished")]).0.queued(&noted("17")).unwrap().is_empty());
-        let (silent, recorded) = pbs([Hangs, Fails("pbs_connect"), Hangs, Fails("cannot connect to server\n")]);
+        let (silent, recorded) =
+            pbs([Hangs, Fails("pbs_connect"), Hangs, Fails("cannot connect to server\n")]);
         let error = silent.queued(&noted("17")).unwrap_err();
         assert!(error.is::<NoAnswer>());
         assert_eq!(*recorded.pauses.borrow(), [1, 2, 4]);
@@ -306,7 +311,10 @@ mod tests {
     #[test]
     fn a_refusal_says_why() {
         let (pbs, _) = pbs([PBS, Fails("qsub: Unknown queue\n")]);
-        assert_eq!(pbs.submit(&request(None, &[]), &|_| ()).unwrap_err().to_string(), "qsub refused: qsub: Unknown queue");
+        assert_eq!(
+            pbs.submit(&request(None, &[]), &|_| ()).unwrap_err().to_string(),
+            "qsub refused: qsub: Unknown queue"
+        );
     }
 
     #[test]

@@ -176,7 +176,8 @@ impl<C: Caller> Scheduler for Slurm<C> {
 
     fn cancel(&self, jobs: &[Job], say: Say) {
         let mut seen = HashSet::new();
-        let ids: Vec<String> = jobs.iter().map(|job| job.id.clone()).filter(|id| seen.insert(id.clone())).collect();
+        let ids: Vec<String> =
+            jobs.iter().map(|job| job.id.clone()).filter(|id| seen.insert(id.clone())).collect();
         if let Ok(said) = self.call("scancel", &ids) {
             tell(&said.stderr, say);
         }
@@ -227,7 +228,9 @@ pub(crate) fn tell(text: &str, say: Say) {
 
 /// FNV-1a: the same for the same folder, on every machine and in every version.
 fn fingerprint(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
 /// The arguments of sbatch.
@@ -313,7 +316,9 @@ fn parse_nodes(text: &str) -> (Vec<[String; 3]>, bool) {
     let mut is_any_there = false;
     for line in text.lines() {
         let mut fields = line.splitn(3, '|').map(|field| field.trim().to_owned());
-        let (Some(name), Some(state), Some(why)) = (fields.next(), fields.next(), fields.next()) else { continue };
+        let (Some(name), Some(state), Some(why)) = (fields.next(), fields.next(), fields.next()) else {
+            continue;
+        };
         let is_away = ["drain", "down", "fail", "maint", "unknown"].iter().any(|word| state.contains(word));
         if !is_away {
             is_any_there = true;
@@ -380,7 +385,9 @@ mod tests {
     #[test]
     fn a_job_that_was_taken_although_the_answer_was_lost_is_not_submitted_again() {
         let (slurm, recorded) = slurm([
-            Fails("sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)"),
+            Fails(
+                "sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)",
+            ),
             Says("23|23_[0-9%2]|gl-1-2-0|PENDING|Resources\n"),
         ]);
         assert_eq!(slurm.submit(&request(&[]), &|_| ()).unwrap(), "23");
@@ -409,11 +416,9 @@ mod tests {
             Says(""),
         ]);
         assert!(asked.queued(&noted).unwrap().is_empty());
-        assert_eq!(
-            recorded.calls.borrow()[1],
-            "squeue --noheader --format=%F|%i|%j|%T|%r --name=gl-1-2-0"
-        );
-        let (silent, recorded) = slurm([Hangs, Hangs, Hangs, Fails("Unable to contact slurm controller\nmore")]);
+        assert_eq!(recorded.calls.borrow()[1], "squeue --noheader --format=%F|%i|%j|%T|%r --name=gl-1-2-0");
+        let (silent, recorded) =
+            slurm([Hangs, Hangs, Hangs, Fails("Unable to contact slurm controller\nmore")]);
         let error = silent.queued(&noted).unwrap_err();
         assert!(error.is::<NoAnswer>());
         assert_eq!(error.to_string(), "the scheduler does not answer: Unable to contact slurm controller");
@@ -448,7 +453,8 @@ mod tests {
 
     #[test]
     fn a_task_that_was_killed_has_the_schedulers_reason() {
-        let shown = "JobId=5 ArrayJobId=3 ArrayTaskId=2 JobName=gl JobState=OUT_OF_MEMORY Reason=OutOfMemory\n";
+        let shown =
+            "JobId=5 ArrayJobId=3 ArrayTaskId=2 JobName=gl JobState=OUT_OF_MEMORY Reason=OutOfMemory\n";
         assert_eq!(slurm([Says(shown)]).0.ending("3_2").as_deref(), Some("OUT_OF_MEMORY"));
         let forgotten = || Fails("slurm_load_jobs error: Invalid job id specified");
         assert_eq!(

@@ -57,7 +57,9 @@ impl Runs {
             let status_file = dir.join(format!("{name}.status"));
             if status.is_ok() {
                 runs.done += 1;
-                runs.ended += usize::from(is_new(row, &status_file) || is_new(row, &dir.join(format!("{name}_packed.txt"))));
+                runs.ended += usize::from(
+                    is_new(row, &status_file) || is_new(row, &dir.join(format!("{name}_packed.txt"))),
+                );
             } else if work.join(format!("{name}.running")).exists() {
                 runs.running += 1;
             } else if status_file.exists() && (attempt.is_none() || is_new(row, &status_file)) {
@@ -122,7 +124,8 @@ mod tests {
     #[test]
     fn a_run_that_is_to_be_tried_again_has_not_failed_yet() {
         let stage = stage();
-        let table = fs::File::options().append(true).open(stage.path().join("runs/.run/samples.txt")).unwrap();
+        let table =
+            fs::File::options().append(true).open(stage.path().join("runs/.run/samples.txt")).unwrap();
         table.set_modified(SystemTime::now() + Duration::from_secs(60)).unwrap();
         let runs = Runs::of(stage.path()).unwrap();
         assert_eq!((runs.done, runs.failed, runs.to_come(), runs.ended), (1, 0, 3, 0));
@@ -151,7 +154,9 @@ mod tests {
         assert_eq!(runs.forecast(now), Some(Duration::from_secs(300)));
         assert_eq!(Runs { ended: 0, ..runs.clone() }.forecast(now), None);
         assert_eq!(Runs { done: 39, ..runs }.forecast(now), None);
-        for (seconds, expected) in [(89, "about 89 s"), (90, "about 2 min"), (5399, "about 90 min"), (5400, "about 2 h")] {
+        for (seconds, expected) in
+            [(89, "about 89 s"), (90, "about 2 min"), (5399, "about 90 min"), (5400, "about 2 h")]
+        {
             assert_eq!(roughly(Duration::from_secs(seconds)), expected);
         }
     }

@@ -51,7 +51,8 @@ pub fn run(batch: &mut Batch, threads: NonZeroUsize, say: Say) -> Result<Report>
         run_batch(batch, &rows, threads)?;
     }
     let report = report(&batch.table, batch.folder.dir(), &rows)?;
-    batch.folder.end()?;
+    // What a model has left running may still write there; the next call removes it.
+    batch.folder.end().unwrap_or_else(|error| say(&format!("{error:#}")));
     Ok(report)
 }
 

@@ -3,10 +3,15 @@
 use gl_inference::prior::{Parameter, Scale};
 
 use crate::font;
+use crate::number::{superscript, written};
 use crate::scene::fitted;
 
 /// Size of tick labels and of legends, in points.
 pub const SMALL: f64 = 7.0;
+/// How far a number below the frame may reach past its end, where there are neighbours.
+pub const OVERHANG: f64 = 1.5;
+/// Between two tick labels side by side, in points.
+const BETWEEN_LABELS: f64 = 4.0;
 /// Size of axis labels, in points.
 pub const LARGE: f64 = 8.0;
 
@@ -120,10 +125,7 @@ pub struct Axis {
 impl Axis {
     /// An axis along the bottom, `length` points long: as many marks as their labels leave room for.
     pub fn horizontal(span: Span, label: Label, length: f64) -> Self {
-        let fits = |axis: &Self| {
-            let room = length / axis.ticks.len().max(1) as f64;
-            axis.ticks.iter().all(|(_, text)| font::width(text, SMALL) + 5.0 <= room)
-        };
+        let fits = |axis: &Self| axis.labels_part(length);
         let most = (length / 20.0).clamp(2.0, 8.0) as usize;
         let tries = (2..=most).rev().map(|count| Self::with_ticks(span, label.clone(), count));
         let mut last = None;
@@ -139,7 +141,28 @@ impl Axis {
             axis.minor.extend(every_second.map(|(value, _)| *value));
             axis.ticks = axis.ticks.into_iter().step_by(2).collect();
         }
+        if axis.ticks.len() == 2 && !fits(&axis) {
+            axis.minor.extend(axis.ticks.pop().map(|(value, _)| value));
+        }
         axis
+    }
+
+    /// Whether no two labels come near each other along `length` points. On a logarithmic axis marks are
+    /// not evenly apart.
+    fn labels_part(&self, length: f64) -> bool {
+        let mut ends: Vec<(f64, f64)> = self
+            .ticks
+            .iter()
+            .map(|(value, text)| (self.span.place(*value) * length, font::width(text, SMALL) / 2.0))
+            .map(|(middle, half)| {
+                // Those at the ends are kept off the neighbours.
+                let middle = middle.min(length - half + OVERHANG).max(half - OVERHANG);
+                (middle - half, middle + half)
+            })
+            .collect();
+        ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let is_narrow = self.ticks.iter().all(|(_, text)| font::width(text, SMALL) <= length);
+        is_narrow && ends.windows(2).all(|pair| pair[0].1 + BETWEEN_LABELS <= pair[1].0)
     }
 
     /// An axis up the side, `length` points high.
@@ -282,52 +305,6 @@ fn decimals(ticks: &[f64], unit: f64) -> usize {
         .unwrap_or(9) as usize
 }
 
-/// A number with a proper minus sign.
-pub fn written(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(digits) if digits.bytes().all(|byte| matches!(byte, b'0' | b'.')) => digits.to_owned(),
-        Some(digits) => format!("−{digits}"),
-        None => text,
-    }
-}
-
-/// A number to three significant digits, with a power of ten where it is very large or small.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return written(value, 0);
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if (-3..5).contains(&magnitude) {
-        let text = written(value, (2 - magnitude).max(0) as usize);
-        return if text.contains('.') {
-            text.trim_end_matches('0').trim_end_matches('.').to_owned()
-        } else {
-            text
-        };
-    }
-    let digits = written(value / 10.0_f64.powi(magnitude), 2);
-    format!("{}·10{}", digits.trim_end_matches('0').trim_end_matches('.'), superscript(magnitude))
-}
-
-/// An integer in superscript digits.
-pub fn superscript(number: i32) -> String {
-    let raised = |character| match character {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        '4' => '⁴',
-        '5' => '⁵',
-        '6' => '⁶',
-        '7' => '⁷',
-        '8' => '⁸',
-        '9' => '⁹',
-        _ => '⁰',
-    };
-    number.to_string().chars().map(raised).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -367,6 +344,17 @@ mod tests {
     }
 
     #[test]
+    fn labels_of_a_log_axis_do_not_touch() {
+        // Within a decade 2000 and 3000 are nearer than 3000 and 5000.
+        for length in [40.0, 60.0, 80.0, 110.0, 150.0] {
+            for (low, high) in [(900.0, 6000.0), (1e3, 9e4), (0.3, 10.0), (1e-9, 1e7)] {
+                let axis = Axis::horizontal(Span { low, high, log: true }, Label::new("x"), length);
+                assert!(!axis.ticks.is_empty() && axis.labels_part(length));
+            }
+        }
+    }
+
+    #[test]
     fn no_two_ticks_read_alike_even_far_from_zero() {
         let texts = labels(0.391_05, 0.391_12, false);
         let mut unique = texts.clone();
@@ -381,13 +369,5 @@ mod tests {
             let span = Span::of([value, value]).padded(0.05);
             assert!(span.low < value && value < span.high);
         }
-    }
-
-    #[test]
-    fn numbers_in_text_are_short() {
-        assert_eq!(
-            [short(0.0), short(0.94), short(1.3e11), short(-12.345)],
-            ["0", "0.94", "1.3·10¹¹", "−12.3"]
-        );
     }
 }

@@ -26,6 +26,8 @@ pub enum Key {
     Line(Paint),
     /// A filled area.
     Area(Paint),
+    /// An area with lines along its ends.
+    Band(Paint, Paint),
     /// A dot.
     Dot(Dot),
     /// A star, for what fits best or is true.
@@ -100,6 +102,15 @@ fn symbol(key: Key, x: f64, y: f64) -> Item {
     match key {
         Key::Line(paint) => line(vec![(x, y), (x + KEY_WIDTH, y)], paint),
         Key::Area(paint) => area(Rect::new(x, y - 3.0, x + KEY_WIDTH, y + 3.0), paint),
+        Key::Band(inside, edge) => {
+            let band = Rect::new(x, y - 3.0, x + KEY_WIDTH, y + 3.0);
+            let lines = vec![
+                vec![(x, y - 3.0), (x + KEY_WIDTH, y - 3.0)],
+                vec![(x, y + 3.0), (x + KEY_WIDTH, y + 3.0)],
+            ];
+            let items = vec![area(band, inside), Item::Path { lines, closed: false, paint: edge }];
+            Item::Group { class: "key", title: String::new(), clip: None, items }
+        }
         Key::Dot(Dot { diameter, color, opacity }) => {
             Item::Dots { points: vec![middle], diameter: diameter.max(2.4), color, opacity }
         }

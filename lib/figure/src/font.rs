@@ -4,7 +4,8 @@ use std::sync::LazyLock;
 
 use ttf_parser::{Face, GlyphId};
 
-static BYTES: &[u8] = include_bytes!("../font/DejaVuSans-subset.ttf");
+/// The file of the font.
+pub static BYTES: &[u8] = include_bytes!("../font/DejaVuSans-subset.ttf");
 
 static FACE: LazyLock<Option<Face<'static>>> = LazyLock::new(|| Face::parse(BYTES, 0).ok());
 
@@ -33,6 +34,15 @@ pub fn outline(glyph: GlyphId, builder: &mut dyn ttf_parser::OutlineBuilder) {
     if let Some(face) = FACE.as_ref() {
         face.outline_glyph(glyph, builder);
     }
+}
+
+/// The box that holds every glyph, in thousandths of the size: left, foot, right, top.
+pub fn bounds() -> [f32; 4] {
+    let unit = 1000.0 / units_per_em() as f32;
+    FACE.as_ref().map_or([0.0; 4], |face| {
+        let bounds = face.global_bounding_box();
+        [bounds.x_min, bounds.y_min, bounds.x_max, bounds.y_max].map(|edge| f32::from(edge) * unit)
+    })
 }
 
 /// Font units in the height of a line.

@@ -1,6 +1,6 @@
 //! A panel: a frame with two axes, and what is drawn between them.
 
-use crate::axis::{Axis, LARGE, SMALL};
+use crate::axis::{Axis, LARGE, OVERHANG, SMALL};
 use crate::scene::{Anchor, Color, Item, Paint, Point, Rect, area, color, line, text, turned_text};
 use crate::{font, thin};
 
@@ -81,7 +81,7 @@ impl Panel {
 
     /// Keep the numbers below the frame off those of the neighbours.
     pub fn among_neighbours(mut self) -> Self {
-        self.overhang = 1.5;
+        self.overhang = OVERHANG;
         self
     }
 

@@ -6,7 +6,8 @@
 //!    errors of the rig as candidates, which transform a curve along the control's [`path`].
 //!    [`predictor`]: the simulation at any parameters, by an emulator of a design's runs.
 //! 2. One hypothesis. [`problem`]: what all of them share, among it the covariance of the readings,
-//!    which [`gaussian`] factors and [`discrepancy`] gives its smooth part. [`model`]: the
+//!    which [`gaussian`] factors and [`discrepancy`] gives its smooth part; [`visible`] says which candidates
+//!    the measurement can show at all. [`model`]: the
 //!    parameters of one of them and the density of the measurement.
 //! 3. Its evidence. [`mode`] climbs to the most probable parameters, [`evidence`] integrates from there.
 //! 4. All of them. [`attribution`] weighs them against each other and against something that is no
@@ -26,6 +27,8 @@ pub mod discrepancy;
 pub mod evidence;
 pub mod gaussian;
 pub mod hypothesis;
+pub mod ignorance;
+pub mod lean;
 pub mod marginals;
 pub mod measurement;
 pub mod mode;
@@ -34,8 +37,10 @@ pub mod next_runs;
 pub mod path;
 pub mod predictor;
 pub mod problem;
+pub mod rest;
 pub mod self_check;
 #[cfg(test)]
 mod synthetic_world;
 pub mod verdict;
+pub mod visible;
 pub mod winner;

@@ -10,9 +10,12 @@ use rayon::prelude::*;
 use super::noise::{FEWEST_STEPS, Noise, scale, standard_normal};
 use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
+use super::standardised::standardised;
+use crate::attribute::path::Path;
 use gl_inference::ensemble::Ensemble;
+use gl_inference::fit::{self, Fit};
 use gl_inference::observations::Observations;
-use gl_table::push_number;
+use gl_table::verdict::Verdicts;
 
 /// A stretch of the control axis over which the gap of one observable is taken to be constant.
 #[derive(Clone, Debug, PartialEq)]
@@ -250,8 +253,25 @@ fn cuts(steps: usize) -> Vec<usize> {
     (0..steps).step_by(stride).chain([steps]).collect()
 }
 
-/// The verdict in a sentence.
-pub fn verdict(stretches: &[Stretch], observations: &Observations) -> String {
+/// What a fit leaves of the measurement, in standard deviations of noise and posterior spread together, by the
+/// test that all tools share. The size of a noise that is estimated is no evidence; how neighbours differ is.
+///
+/// * `parameters` — how many parameters were calibrated.
+///
+/// # Errors
+/// As [`locate`].
+pub fn fits(
+    observations: &Observations,
+    ensemble: &Ensemble,
+    weights: &[f64],
+    parameters: usize,
+    noise_sd: Option<&[Vec<f64>]>,
+) -> Result<Fit> {
+    Ok(fit::test(&standardised(observations, ensemble, weights, noise_sd)?, parameters))
+}
+
+/// What is concluded, for people and for programs.
+pub fn verdict(stretches: &[Stretch], fit: &Fit, observations: &Observations) -> Verdicts {
     let mut places: Vec<(usize, Range<usize>, f64)> = Vec::new();
     for stretch in stretches.iter().filter(|stretch| stretch.significant) {
         match places.last_mut() {
@@ -264,17 +284,18 @@ pub fn verdict(stretches: &[Stretch], observations: &Observations) -> String {
             _ => places.push((stretch.observable, stretch.steps.clone(), stretch.share)),
         }
     }
+    let mut verdicts = Verdicts::default();
     if places.is_empty() {
-        return "No gap beyond what noise and posterior spread explain.".to_owned();
+        without_stretch(&mut verdicts, fit);
+        return verdicts;
     }
     places.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let path = Path::new(&observations.control);
     let place = |(observable, steps, share): &(usize, Range<usize>, f64)| {
         format!(
-            "in {} between {} {} and {} ({:.0} % of it)",
+            "in {} {} ({:.0} % of it)",
             observations.names[*observable],
-            observations.control_name,
-            short(observations.control[steps.start]),
-            short(observations.control[steps.end - 1]),
+            path.told(&observations.control_name, steps),
             100.0 * share
         )
     };
@@ -286,14 +307,35 @@ pub fn verdict(stretches: &[Stretch], observations: &Observations) -> String {
         1 => ", and one further stretch".to_owned(),
         more => format!(", and {more} further stretches"),
     };
-    format!("The gap lies {}{more}.", told.join(", "))
+    let first = &observations.names[places[0].0];
+    verdicts.add("gap", first, format!("The gap lies {}{more}.", told.join(", ")));
+    verdicts
 }
 
-/// A number to three digits.
-fn short(value: f64) -> String {
-    let mut text = Vec::new();
-    push_number(&mut text, format!("{value:.2e}").parse().unwrap_or(value));
-    String::from_utf8_lossy(&text).into_owned()
+/// What is concluded where no stretch stands out.
+fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
+    /// Neighbours this far on the other side of each other alternate.
+    const ALTERNATES: f64 = -0.25;
+    if !fit.is_bad() {
+        verdicts.add("no-gap", fit.probability, "No gap beyond what noise and posterior spread explain.");
+    } else if fit.correlation < ALTERNATES {
+        verdicts.add(
+            "alternates",
+            fit.correlation,
+            "No stretch stands out, but the gap changes its sign from reading to reading more than noise does: \
+             look at how the readings were taken, or at an oscillation that the model lacks.",
+        );
+    } else {
+        verdicts.add(
+            "noise-scale",
+            fit.scatter,
+            format!(
+                "No stretch stands out, but the readings scatter {:.1} times what was stated: the noise is larger, or \
+                 the gap is spread over all of them.",
+                fit.scatter
+            ),
+        );
+    }
 }
 
 #[cfg(test)]

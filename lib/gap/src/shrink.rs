@@ -13,6 +13,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::weights::Weights;
 use gl_numeric::statistics::effective_size;
+use gl_table::verdict::Verdicts;
 
 /// Runs and what a filter made of them.
 #[derive(Clone, Debug)]
@@ -244,22 +245,33 @@ fn summarise([before, after, floor]: [f64; 3], errors: impl Iterator<Item = [f64
     }
 }
 
-/// The verdict in a sentence.
-pub fn verdict(all: &Shrink) -> String {
+/// What is concluded, for people and for programs.
+pub fn verdict(all: &Shrink) -> Verdicts {
     let percent = |share: f64| format!("{:.0}", 100.0 * share);
+    let mut verdicts = Verdicts::default();
     if all.before <= all.floor {
-        return format!(
-            "There was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
-            percent(all.before),
-            percent(all.floor)
+        verdicts.add(
+            "no-gap",
+            all.before,
+            format!(
+                "There was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
+                percent(all.before),
+                percent(all.floor)
+            ),
         );
+        return verdicts;
     }
     let interval = format!("90 % interval {} to {} %", percent(all.low), percent(all.high));
     if all.shrink < 0.0 {
-        return format!("The gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
+        let text = format!("The gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
+        verdicts.add("grows", all.shrink, text);
+        return verdicts;
     }
-    let doubt = if all.low <= 0.0 { " It may not have closed at all." } else { "" };
-    format!("The gap closes by {} % ({interval}).{doubt}", percent(all.shrink))
+    let (code, doubt) =
+        if all.low <= 0.0 { ("may-not-close", " It may not have closed at all.") } else { ("closes", "") };
+    let text = format!("The gap closes by {} % ({interval}).{doubt}", percent(all.shrink));
+    verdicts.add(code, all.shrink, text);
+    verdicts
 }
 
 #[cfg(test)]
@@ -383,7 +395,7 @@ mod tests {
         assert!(all.low <= -0.9 && all.high == 1.0, "{all:?}");
         let none = summarise([1.0, 0.5, 1.5], std::iter::repeat_n([0.1, 0.1], REPLICATES));
         assert_eq!((none.shrink, none.low, none.high), (0.0, -1.0, 1.0));
-        assert!(verdict(&none).starts_with("There was no gap to close"));
+        assert_eq!(verdict(&none).rows[0].code, "no-gap");
     }
 
     #[test]

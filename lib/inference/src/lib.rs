@@ -17,6 +17,7 @@ pub mod collect;
 pub mod design;
 pub mod ensemble;
 pub mod filter;
+pub mod fit;
 pub mod misfit;
 pub mod mixture;
 pub mod observations;

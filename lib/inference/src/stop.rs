@@ -4,8 +4,8 @@ use anyhow::{Context, Result, bail};
 use gl_table::verdict::Verdicts;
 use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
+use crate::fit::of_misfit;
 use crate::summary::Summary;
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -187,7 +187,8 @@ const UNLIKELY: f64 = 0.002;
 /// Nothing where no criterion is met.
 pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
     let mut verdicts = Verdicts::default();
-    let met: Vec<&str> = criteria.iter().filter(|c| c.is_met && !c.is_part).map(|c| c.name.as_str()).collect();
+    let met: Vec<&str> =
+        criteria.iter().filter(|c| c.is_met && !c.is_part).map(|c| c.name.as_str()).collect();
     if met.is_empty() {
         return verdicts;
     }
@@ -245,7 +246,8 @@ fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
         let text = format!("the fit is bad: {on}, which noise alone exceeds with a probability of {p:.1e}");
         verdicts.add("bad-fit", value / degrees, text);
     } else if 1.0 - p < UNLIKELY {
-        let text = format!("the fit is better than the noise explains: {on}; is the noise smaller than stated?");
+        let text =
+            format!("the fit is better than the noise explains: {on}; is the noise smaller than stated?");
         verdicts.add("noise-too-large", value / degrees, text);
     }
 }
@@ -261,8 +263,7 @@ fn chi_square(summary: &Summary) -> Option<(f64, f64, f64)> {
     let (value, times) = (summary.best_misfit?, summary.best_misfit_over_noise?);
     let decided: f64 = summary.varied().filter_map(|p| p.shrinkage).map(|s| s.clamp(0.0, 1.0)).sum();
     let degrees = (value / times - decided).max(1.0);
-    let law = ChiSquared::new(degrees).ok()?;
-    (times > 0.0 && degrees.is_finite()).then(|| (value, degrees, law.sf(value)))
+    (times > 0.0 && degrees.is_finite()).then(|| (value, degrees, of_misfit(value, degrees)))
 }
 
 /// What the measurement could not tell, and what leans on a bound.

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -222,22 +222,29 @@ impl Summary {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, path: Option<&Path>) -> Result<()> {
-        let mut rows = Vec::new();
-        let mut add = |quantity: String, value: Option<f64>| {
+        let mut rows: Vec<Row> = Vec::new();
+        let mut add = |quantity: String, value: Option<f64>| -> Result<()> {
             if let Some(value) = value {
+                ensure!(value.is_finite(), "{quantity}: the result is {value}, beyond what a number can say");
                 let mut text = Vec::new();
                 push_number(&mut text, value);
                 rows.push(Row { quantity, value: String::from_utf8_lossy(&text).into_owned() });
             }
+            Ok(())
         };
-        Self::QUANTITIES.iter().for_each(|name| add((*name).to_owned(), self.quantity(name)));
+        for name in Self::QUANTITIES {
+            add((*name).to_owned(), self.quantity(name))?;
+        }
         for parameter in &self.parameters {
             for kind in ParameterSummary::KINDS {
-                add(format!("{kind}({})", parameter.name), parameter.quantity(kind));
+                add(format!("{kind}({})", parameter.name), parameter.quantity(kind))?;
             }
         }
         if let Some(sample) = &self.best_sample {
-            rows.push(Row { quantity: "best_sample".to_owned(), value: sample.clone() });
+            // Beside what else is said of the run that fits best.
+            let place =
+                rows.iter().rposition(|row| row.quantity.starts_with("best_")).map_or(0, |place| place + 1);
+            rows.insert(place, Row { quantity: "best_sample".to_owned(), value: sample.clone() });
         }
         write_rows(path, &rows)
     }

@@ -106,7 +106,9 @@ fn run_sample(world: &dyn World, name: &str, inputs: &[f64], dir: &Path, is_comp
 /// Whether a run has these very parameters and settings, and every step of the path.
 fn is_own(world: &dyn World, param: &Path, sim: &Path, columns: &[&str], values: &[f64]) -> bool {
     let same = |file: &Path, column: &str, expected: &[f64]| {
-        Table::read(file).is_ok_and(|table| table.numbers(column).is_ok_and(|found| found == expected))
+        Table::read(file).is_ok_and(|table| {
+            table.check_end().is_ok() && table.numbers(column).is_ok_and(|found| found == expected)
+        })
     };
     columns.iter().zip(values).all(|(column, value)| same(param, column, &[*value]))
         && same(sim, world.control(), &world.path())

@@ -39,8 +39,22 @@ fn run(args: &Args) -> Result<()> {
         return repeat(&problems, args);
     }
     let columns = [
-        "problem", "replicates", "runs", "runs_most", "unsettled", "unfit", "coverage90", "sd_ratio", "sd_ratio_10", "sd_ratio_90",
-        "sd_ratio_least", "shift", "shift_90", "correlated", "inflated", "mode_kept",
+        "problem",
+        "replicates",
+        "runs",
+        "runs_most",
+        "unsettled",
+        "unfit",
+        "coverage90",
+        "sd_ratio",
+        "sd_ratio_10",
+        "sd_ratio_90",
+        "sd_ratio_least",
+        "shift",
+        "shift_90",
+        "correlated",
+        "inflated",
+        "mode_kept",
     ];
     let mut table = TableWriter::create(None, &columns)?;
     for problem in &problems {
@@ -64,7 +78,13 @@ fn run(args: &Args) -> Result<()> {
         let modes: Vec<&Outcome> = outcomes.iter().filter(|o| o.lesser.1 > 0.1).collect();
         let kept = modes.iter().filter(|o| o.lesser.0 > 0.3 * o.lesser.1).count() as f64;
         table.text(problem.name).number(args.num as f64);
-        table.numbers(&[of(runs(), 0.5), of(runs(), 1.0), share(&|o| !o.is_settled), share(&|o| o.is_unfit), held]);
+        table.numbers(&[
+            of(runs(), 0.5),
+            of(runs(), 1.0),
+            share(&|o| !o.is_settled),
+            share(&|o| o.is_unfit),
+            held,
+        ]);
         table.numbers(&[of(ratios(), 0.5), of(ratios(), 0.1), of(ratios(), 0.9), of(ratios(), 0.0)]);
         table.numbers(&[of(shifts(), 0.5), of(shifts(), 0.9)]);
         table.numbers(&[share(&|o| o.is_correlated), share(&|o| o.is_inflated)]);
@@ -76,7 +96,8 @@ fn run(args: &Args) -> Result<()> {
 
 /// Largest shift of a mean and smallest and largest ratio of a standard deviation from one seed to another.
 fn repeat(problems: &[Problem], args: &Args) -> Result<()> {
-    let mut table = TableWriter::create(None, &["problem", "replicate", "shift", "ratio_least", "ratio_most"])?;
+    let mut table =
+        TableWriter::create(None, &["problem", "replicate", "shift", "ratio_least", "ratio_most"])?;
     for problem in problems {
         for i in 0..args.num {
             let (shift, least, most) = repeated(problem, 1_000_003 * (args.seed + i))?;

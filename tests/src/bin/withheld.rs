@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use gl_table::TableWriter;
 use pipelines::withheld::bench::Bench;
+use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
@@ -33,6 +34,9 @@ enum Step {
         /// Number of cases
         #[arg(short, long, default_value_t = 200)]
         num: usize,
+        /// What is otherwise than assumed
+        #[arg(long, default_value = "as-stated")]
+        condition: String,
         /// Seed of the cases
         #[arg(long, default_value_t = 1)]
         seed: u64,
@@ -43,6 +47,9 @@ enum Step {
         world: String,
         /// Where the cases are
         dir: PathBuf,
+        /// What is otherwise than assumed, as far as it concerns the design
+        #[arg(long, default_value = "as-stated")]
+        condition: String,
         /// Runs of the design, an input
         #[arg(long, default_value_t = 25)]
         runs: usize,
@@ -66,12 +73,13 @@ enum Step {
 
 fn run(args: &Args) -> Result<()> {
     match &args.step {
-        Step::Generate { world, dir, num, seed } => {
-            generate::generate(&Bench::named(world)?, *num, *seed, dir)
+        Step::Generate { world, dir, num, condition, seed } => {
+            let condition = Condition::named(condition)?;
+            generate::generate(&Bench::under(world, condition)?, condition, *num, *seed, dir)
         }
-        Step::Diagnose { world, dir, runs, one_round, exact, seed } => {
+        Step::Diagnose { world, dir, condition, runs, one_round, exact, seed } => {
             let how = How { runs: *runs, in_two_rounds: !one_round, exact: *exact, seed: *seed };
-            diagnose::diagnose(&Bench::named(world)?, how, dir)
+            diagnose::diagnose(&Bench::under(world, Condition::named(condition)?)?, how, dir)
         }
         Step::Score { dirs } => {
             let cases = dirs.iter().map(|dir| read(dir)).collect::<Result<Vec<_>>>()?;

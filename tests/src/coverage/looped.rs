@@ -80,7 +80,10 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
             steps: 0..problem.steps,
             newest: &newest,
         };
-        let inference = infer(&question, Options { scatter: problem.scatter_told(), seed: seed + iteration as u64, ..Options::default() })?;
+        let inference = infer(
+            &question,
+            Options { scatter: problem.scatter_told(), seed: seed + iteration as u64, ..Options::default() },
+        )?;
         let summary = inference.summary(&samples)?;
         let asked = criteria(&summary, &Tolerances::default(), None, &before)?;
         let is_settled = asked.iter().any(|criterion| criterion.is_met && !criterion.is_part);
@@ -124,20 +127,14 @@ fn moments(points: &[Vec<f64>], j: usize) -> (f64, f64) {
     (mean(&column, &weights), sd(&column, &weights))
 }
 
-fn said(
-    inference: &Inference,
-    asked: &[Criterion],
-    exact: &[Vec<f64>],
-) -> String {
+fn said(inference: &Inference, asked: &[Criterion], exact: &[Vec<f64>]) -> String {
     let criteria: Vec<String> = asked
         .iter()
         .map(|c| format!("{}={:.2}{}", c.name, c.value, if c.is_met { "" } else { "!" }))
         .collect();
     let s = &inference.surrogate;
-    let ratios: Vec<String> = compare(inference, exact)
-        .iter()
-        .map(|(ratio, shift)| format!("{ratio:.2}/{shift:+.2}"))
-        .collect();
+    let ratios: Vec<String> =
+        compare(inference, exact).iter().map(|(ratio, shift)| format!("{ratio:.2}/{shift:+.2}")).collect();
     format!(
         "{}{} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
         criteria.join(" "),
@@ -182,9 +179,8 @@ fn outcome(
         let quantiles = Quantiles::new(&column, &vec![1.0 / column.len() as f64; column.len()]);
         (quantiles.at(0.05)..=quantiles.at(0.95)).contains(truth)
     };
-    let share = |points: &[Vec<f64>]| {
-        points.iter().filter(|x| x[0] > 0.5).count() as f64 / points.len() as f64
-    };
+    let share =
+        |points: &[Vec<f64>]| points.iter().filter(|x| x[0] > 0.5).count() as f64 / points.len() as f64;
     let (here, there) = (share(&inference.values), share(exact));
     let lesser = if there > 0.5 { (1.0 - here, 1.0 - there) } else { (here, there) };
     Outcome {

@@ -176,7 +176,13 @@ impl Problem {
         let variance = self.noise * self.noise;
         match self.scatter {
             Scatter::None => 0.0,
-            Scatter::White => if s == t { variance } else { 0.0 },
+            Scatter::White => {
+                if s == t {
+                    variance
+                } else {
+                    0.0
+                }
+            }
             Scatter::Smooth => {
                 let control = self.control();
                 variance / WAVES as f64

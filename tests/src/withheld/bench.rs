@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
-use gl_inference::prior::{Parameter, Prior, Scale};
+use gl_inference::prior::{Effect, Parameter, Prior, Scale};
 use gl_inference::samples::{Samples, sample_names};
 use gl_numeric::sequence::Method;
 use gl_world::{self as world, World};
@@ -12,6 +12,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::condition::Condition;
 use super::specimen::{factor, scattered};
 
 /// An embedded world with a prior.
@@ -25,7 +26,14 @@ pub struct Bench {
     /// Effects that belong to the rig, and are no effects of the simulation where those of the
     /// measurement are candidates.
     pub of_the_rig: &'static [&'static str],
+    /// How many of the observables are measured.
+    observables: usize,
+    /// Steps of the world's path that are.
+    steps: Vec<usize>,
 }
+
+/// Candidates that change nothing are called so, and a number.
+const IDLE: &str = "idle";
 
 /// Names of the benches.
 pub const NAMES: [&str; 2] = ["contact", "triaxial"];
@@ -80,7 +88,54 @@ impl Bench {
         };
         let prior = Prior::new(rows.iter().map(parameter).collect());
         let world = world::named(world).context("no such world")?;
-        Ok(Self { name, world, prior, of_the_rig })
+        let (observables, steps) = (world.observables().len(), (0..world.path().len()).collect());
+        Ok(Self { name, world, prior, of_the_rig, observables, steps })
+    }
+
+    /// A bench by name, for cases of a condition.
+    ///
+    /// # Errors
+    /// If there is none of that name.
+    pub fn under(name: &str, condition: Condition) -> Result<Self> {
+        let mut bench = Self::named(name)?;
+        match condition {
+            Condition::Idle => {
+                let mut parameters = bench.prior.parameters().to_vec();
+                parameters.extend((1..=5).map(|number| Parameter {
+                    name: format!("{IDLE}{number}"),
+                    lower: 1.0,
+                    upper: 2.0,
+                    scale: Scale::Linear,
+                    normal: None,
+                    effect: Some(format!("{IDLE}{number}")),
+                    off: Some(0.0),
+                    unit: None,
+                }));
+                bench.prior = Prior::new(parameters);
+            }
+            Condition::OneObservable => bench.observables = 1,
+            Condition::TenSteps => bench.steps = thinned(&bench.world.path(), 10),
+            _ => {}
+        }
+        Ok(bench)
+    }
+
+    /// Effects that change something.
+    pub fn effects(&self) -> Vec<Effect> {
+        let mut effects = self.prior.effects();
+        effects.retain(|effect| !effect.name.starts_with(IDLE));
+        effects
+    }
+
+    /// Names of the observables that are measured.
+    pub fn observables(&self) -> Vec<String> {
+        self.world.observables()[..self.observables].iter().map(|&name| name.to_owned()).collect()
+    }
+
+    /// The control at the steps that are measured.
+    pub fn path(&self) -> Vec<f64> {
+        let path = self.world.path();
+        self.steps.iter().map(|&step| path[step]).collect()
     }
 
     /// The prior without some effects.
@@ -106,10 +161,15 @@ impl Bench {
     pub fn simulate(&self, values: &[f64]) -> Result<Vec<Vec<f64>>> {
         let mut inputs: Vec<f64> = self.world.inputs().iter().map(|input| input.default).collect();
         for (parameter, &value) in self.prior.parameters().iter().zip(values) {
+            if parameter.name.starts_with(IDLE) {
+                continue;
+            }
             let place = self.world.inputs().iter().position(|input| input.name == parameter.name);
             inputs[place.context("a parameter that the world does not know")?] = value;
         }
-        Ok(world::simulate(self.world.as_ref(), &inputs)?.values)
+        let curves = world::simulate(self.world.as_ref(), &inputs)?.values;
+        let kept = |curve: &Vec<f64>| self.steps.iter().map(|&step| curve[step]).collect();
+        Ok(curves[..self.observables].iter().map(kept).collect())
     }
 
     /// A measurement that holds these values.
@@ -117,8 +177,8 @@ impl Bench {
         Observations {
             source: source.to_owned(),
             control_name: self.world.control().to_owned(),
-            control: self.world.path(),
-            names: self.world.observables().iter().map(|&name| name.to_owned()).collect(),
+            control: self.path(),
+            names: self.observables(),
             sd: vec![None; values.len()],
             values,
         }
@@ -155,7 +215,7 @@ impl Bench {
         iteration: usize,
         seed: u64,
     ) -> Result<(Samples, Ensemble)> {
-        let factor = factor(&self.world.path());
+        let factor = factor(&self.path());
         let curves = values
             .par_iter()
             .enumerate()
@@ -167,7 +227,7 @@ impl Bench {
             })
             .collect::<Result<Vec<_>>>()?;
         let names = sample_names(self.name, iteration, values.len())?;
-        let empty = self.observations("design", vec![Vec::new(); self.world.observables().len()]);
+        let empty = self.observations("design", vec![Vec::new(); self.observables]);
         let mut ensemble = Ensemble::new(&empty, false);
         for (name, curves) in names.iter().zip(&curves) {
             ensemble.push(name, curves, None);
@@ -175,4 +235,23 @@ impl Bench {
         ensure!(!ensemble.is_empty(), "an empty design");
         Ok((Samples { source: "samples".to_owned(), names, parameters: prior.names(), values }, ensemble))
     }
+}
+
+/// Steps of a path, evenly apart between its turning points, which are among them: about `count`.
+fn thinned(path: &[f64], count: usize) -> Vec<usize> {
+    let last = path.len() - 1;
+    let turns = |step: &usize| {
+        let step = *step;
+        step == 0 || step == last || (path[step + 1] - path[step]) * (path[step] - path[step - 1]) <= 0.0
+    };
+    let ends: Vec<usize> = (0..=last).filter(turns).collect();
+    let mut steps: Vec<usize> = Vec::new();
+    for pair in ends.windows(2) {
+        let length = pair[1] - pair[0];
+        let parts = ((count - 1) * length).div_ceil(last).max(1);
+        steps.extend((0..parts).map(|part| pair[0] + part * length / parts));
+    }
+    steps.push(last);
+    steps.dedup();
+    steps
 }

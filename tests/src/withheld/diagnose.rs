@@ -91,7 +91,7 @@ struct Case {
 pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     let cases = dir.join("cases");
     let list = Table::read(&cases.join("cases.tsv"))?;
-    let observables: Vec<String> = bench.world.observables().iter().map(|&name| name.to_owned()).collect();
+    let observables = bench.observables();
     let read = |row: usize| -> Result<Case> {
         let path = cases.join(format!("{}_obs.txt", list.field(row, 0)));
         let observations = Observations::read(&path, bench.world.control(), &observables)?;
@@ -112,6 +112,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     }
     let mut designs: BTreeMap<(String, String), Design> = BTreeMap::new();
     let design_of = |row: usize| (list.field(row, 1).to_owned(), list.field(row, 2).to_owned());
+    let is_stated = finest.iter().flatten().all(|sd| sd.is_finite());
     for key in (0..list.len()).map(design_of) {
         if designs.contains_key(&key) {
             continue;
@@ -120,7 +121,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         let is_scattered = key.1 == "yes";
         let (samples, ensemble) = bench.design(&left_out, is_scattered, how.first(), how.seed)?;
         let prior = bench.prior_without(&left_out);
-        let emulator = emulate(&prior, &samples, &ensemble, Some(&finest), how.seed)?;
+        let emulator = emulate(&prior, &samples, &ensemble, is_stated.then_some(&finest), how.seed)?;
         designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator, seed: how.seed });
     }
     let verdicts = measured
@@ -156,9 +157,8 @@ fn verdict(bench: &Bench, how: How, design: &Design, case: &Case, finest: &[Vec<
     let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest)).transpose()?;
     let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
     let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
+    let named = Some(diagnosis.first()).filter(|first| first.is_cause());
     let explanations = &diagnosis.attribution.explanations;
-    let first = diagnosis.rows[0].explanation.map(|place| &explanations[place]);
-    let named = first.filter(|first| !first.hypothesis.is_empty());
     let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
     Ok((diagnosis, closes))
 }
@@ -168,7 +168,9 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "case",
         "first",
         "probability",
-        "unexplained",
+        "with_rest",
+        "closes",
+        "leans",
         "nearest",
         "confounded",
         "shrink",
@@ -179,12 +181,13 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
     ];
     let mut table = TableWriter::create(Some(path), &columns)?;
     for (row, (diagnosis, closes)) in verdicts.iter().enumerate() {
-        let (first, attribution) = (&diagnosis.rows[0], &diagnosis.attribution);
-        table
-            .text(list.field(row, 0))
-            .text(&first.name)
-            .numbers(&[first.probability, attribution.unexplained]);
-        table.text(&attribution.nearest).text(&first.confounded.join(","));
+        let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
+        table.text(list.field(row, 0)).text(&cause(&first.name));
+        table.numbers(&[diagnosis.stated()]);
+        table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
+        let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
+        table.text(&leans.join(","));
+        table.text(&attribution.nearest).text(&diagnosis.rows[0].confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =
@@ -192,19 +195,26 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let looks: Vec<String> = attribution
             .explanations
             .iter()
-            .filter_map(|e| {
-                let (ln, fits) = (e.with_discrepancy?, e.fits?);
+            .filter(|e| e.ln_weight > -6.0 || e.fits.is_some())
+            .map(|e| {
                 let found = &e.evidence;
-                Some(format!(
-                    "{}: {:.1} ± {:.2}, {:+.1}, fits {fits:.4}",
+                format!(
+                    "{}: {:.1} ± {:.2}, closes {:.2}, fits {:.4}{}",
                     e.name,
-                    found.ln,
+                    e.ln_weight,
                     found.error,
-                    ln - found.ln
-                ))
+                    e.closes,
+                    e.fits.unwrap_or(f64::NAN),
+                    e.ruled_out.map_or("", |why| why.word())
+                )
             })
             .collect();
         table.text(&effects.join(",")).text(&looks.join("; ")).end_row()?;
     }
     table.finish()
+}
+
+/// What is named as the cause, with a rest or without: `none`, effects, or `unexplained`.
+fn cause(name: &str) -> String {
+    name.strip_suffix("+unexplained").unwrap_or(name).to_owned()
 }

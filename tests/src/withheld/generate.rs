@@ -5,7 +5,6 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
-use gl_gap::attribute::mode::standard_normal;
 use gl_gap::attribute::path;
 use gl_inference::observations::range;
 use gl_table::TableWriter;
@@ -16,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::bench::Bench;
+use super::condition::Condition;
 use super::fit::{Fit, fit};
 use super::specimen::{SCATTER, factor, scattered};
 
@@ -75,6 +75,32 @@ fn kept(stream: u64) -> Kept {
     Kept { family, simulated, measured, is_withheld }
 }
 
+/// Ten kinds in turn for the conditions: mostly one effect, which is where they do harm.
+fn kept_under_a_condition(stream: u64) -> Kept {
+    use Family::{Plain, Rig, Scatter};
+    let (family, simulated, measured, is_withheld) = match stream % 10 {
+        1 => (Plain, 0, 0, false),
+        3 => (Plain, 1, 0, true),
+        5 => (Scatter, 1, 0, false),
+        7 if stream % 20 < 10 => (Rig, 1, 0, false),
+        7 => (Scatter, 1, 0, true),
+        9 => (Plain, 2, 0, false),
+        _ => (Plain, 1, 0, false),
+    };
+    Kept { family, simulated, measured, is_withheld }
+}
+
+/// Put one base parameter outside its prior, by 15 to 50 % of the prior's width.
+fn move_out(bench: &Bench, values: &mut [f64], random: &mut ChaCha8Rng) {
+    let base = bench.prior.base();
+    let j = base[random.random_range(0..base.len())];
+    let parameter = &bench.prior.parameters()[j];
+    let by = random.random_range(0.15..0.5) * (parameter.upper - parameter.lower);
+    // Below, only what is no ratio that would come near zero.
+    let is_below = random.random::<bool>() && parameter.lower - by > 0.5 * parameter.lower;
+    values[j] = if is_below { parameter.lower - by } else { parameter.upper + by };
+}
+
 /// A measurement and what is behind it.
 struct Case {
     family: Family,
@@ -97,13 +123,15 @@ struct Case {
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn generate(bench: &Bench, count: usize, seed: u64, dir: &Path) -> Result<()> {
+pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, dir: &Path) -> Result<()> {
     let (cases, sealed) = (dir.join("cases"), dir.join("sealed"));
     for folder in [&cases, &sealed] {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
-    let drawn: Vec<Case> =
-        (0..count).into_par_iter().map(|i| draw(bench, seed, i as u64)).collect::<Result<_>>()?;
+    let drawn: Vec<Case> = (0..count)
+        .into_par_iter()
+        .map(|i| draw_seen(bench, condition, seed, i as u64))
+        .collect::<Result<_>>()?;
     let columns =
         ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
@@ -124,15 +152,26 @@ pub fn generate(bench: &Bench, count: usize, seed: u64, dir: &Path) -> Result<()
         list.text(&name).text(&without).text(if case.family == Family::Scatter { "yes" } else { "no" });
         list.text(&kinds).end_row()?;
         let mut columns = vec![bench.world.control().to_owned()];
-        columns.extend(bench.world.observables().iter().map(|name| (*name).to_owned()));
-        columns.extend(bench.world.observables().iter().map(|name| format!("{name}_sd")));
+        columns.extend(bench.observables());
+        let times = match condition {
+            Condition::Noise(times) => times,
+            _ => 1.0,
+        };
+        let is_stated = condition != Condition::Unstated;
+        if is_stated {
+            columns.extend(bench.observables().iter().map(|name| format!("{name}_sd")));
+        }
         let mut obs = TableWriter::create(Some(&cases.join(format!("{name}_obs.txt"))), &columns)?;
-        for (t, control) in bench.world.path().iter().enumerate() {
+        for (t, control) in bench.path().iter().enumerate() {
             obs.number(*control);
             for curve in &case.noisy {
                 obs.number(curve[t]);
             }
-            obs.numbers(&case.noise).end_row()?;
+            if is_stated {
+                let stated: Vec<f64> = case.noise.iter().map(|sd| times * sd).collect();
+                obs.numbers(&stated);
+            }
+            obs.end_row()?;
         }
         obs.finish()?;
     }
@@ -140,12 +179,36 @@ pub fn generate(bench: &Bench, count: usize, seed: u64, dir: &Path) -> Result<()
     answers.finish()
 }
 
-fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
+/// Drawn anew for a condition until what is behind a case can be seen, since what a condition does to effects that
+/// cannot is no matter.
+fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Result<Case> {
+    const TIMES: u64 = 40;
+    let is_seen = |case: &Case| match (case.effects.len(), &case.withheld) {
+        (0, _) => true,
+        (_, Some(_)) => case.visibility >= 2.0,
+        (1, None) => case.visibility >= 1.0,
+        _ => case.least >= 0.5,
+    };
+    let mut time = 0;
+    loop {
+        match draw(bench, condition, seed, stream, time) {
+            Ok(case) if condition == Condition::AsStated || is_seen(&case) || time == TIMES => {
+                return Ok(case);
+            }
+            // The world may refuse what lies outside the prior.
+            Err(error) if time == TIMES || condition == Condition::AsStated => return Err(error),
+            _ => time += 1,
+        }
+    }
+}
+
+fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(stream + 1);
-    let Kept { family, simulated, measured, is_withheld } = kept(stream);
+    random.set_stream(stream + 1 + 1_000_000 * time);
+    let Kept { family, simulated, measured, is_withheld } =
+        if condition == Condition::AsStated { kept(stream) } else { kept_under_a_condition(stream) };
     let parameters = bench.prior.parameters();
-    let mut effects = bench.prior.effects();
+    let mut effects = bench.effects();
     if family == Family::Rig {
         effects.retain(|effect| !bench.of_the_rig.contains(&effect.name.as_str()));
     }
@@ -156,21 +219,38 @@ fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
     for j in bench.prior.base().into_iter().chain(on) {
         values[j] = parameters[j].quantile(random.random());
     }
-    let simulated = bench.simulate(&values)?;
+    if condition == Condition::Outside {
+        move_out(bench, &mut values, &mut random);
+    }
+    if condition == Condition::Beyond {
+        let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
+        on.for_each(|j| values[j] = 1.6 * parameters[j].upper * values[j].signum());
+    }
+    let control = bench.path();
+    let mut simulated = bench.simulate(&values)?;
+    if condition == Condition::OtherForm {
+        let mut off = values.clone();
+        let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
+        on.for_each(|j| off[j] = parameters[j].off.unwrap_or(0.0));
+        for (curve, base) in simulated.iter_mut().zip(bench.simulate(&off)?) {
+            let added: Vec<f64> = curve.iter().zip(&base).map(|(y, base)| y - base).collect();
+            let added = condition.another_form(&added, &control, &mut random);
+            *curve = base.iter().zip(added).map(|(base, added)| base + added).collect();
+        }
+    }
     let faults = Faults::draw(bench, &simulated, measured, &mut random);
     let truth = faults.applied(bench, &simulated);
     let share = NOISES[random.random_range(0..NOISES.len())];
     let noise: Vec<f64> = truth.iter().map(|curve| share * range(curve)).collect();
-    let factor = if family == Family::Scatter {
-        factor(&bench.world.path())
-    } else {
-        DMatrix::zeros(truth[0].len(), 0)
-    };
+    let factor =
+        if family == Family::Scatter { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
     let mut noisy =
         if family == Family::Scatter { scattered(&truth, &factor, &mut random) } else { truth.clone() };
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
-        for y in curve {
-            *y += sd * standard_normal(&mut random);
+        let remainder = condition.remainder(&control, *sd, &mut random);
+        let noise = condition.noise(*sd, control.len(), &mut random);
+        for ((y, noise), remainder) in curve.iter_mut().zip(noise).zip(remainder) {
+            *y += noise + remainder;
         }
     }
     let without = |left_out: &[usize]| {
@@ -189,7 +269,13 @@ fn draw(bench: &Bench, seed: u64, stream: u64) -> Result<Case> {
     };
     // Noise and scatter together, as the unit of what is visible.
     let scatter = if family == Family::Scatter { SCATTER } else { 0.0 };
-    let spread: Vec<f64> = noise.iter().map(|sd| sd * scatter.hypot(share) / share).collect();
+    // And what else is in the measurement: an effect that is less than it cannot be told from it.
+    let rest = match condition {
+        Condition::Remainder(times) => times * share,
+        _ => 0.0,
+    };
+    let all = scatter.hypot(share).hypot(rest);
+    let spread: Vec<f64> = noise.iter().map(|sd| sd * all / share).collect();
     let visibility = |left_out: &[usize]| -> Result<f64> {
         let (start, free) = without(left_out);
         Ok(fit(bench, &start, &free, &truth, &spread)?.rms)
@@ -258,7 +344,7 @@ struct Faults {
 
 impl Faults {
     fn draw(bench: &Bench, curves: &[Vec<f64>], count: usize, random: &mut ChaCha8Rng) -> Self {
-        let names: Vec<String> = bench.world.observables().iter().map(|&name| name.to_owned()).collect();
+        let names: Vec<String> = bench.observables();
         let mut list = Vec::new();
         for _ in 0..count {
             // A kind first, so that those of the control are as frequent as those of a sensor.
@@ -276,7 +362,7 @@ impl Faults {
 
     fn applied(&self, bench: &Bench, curves: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let mut flat = curves.concat();
-        let path = path::Path::new(&bench.world.path());
+        let path = path::Path::new(&bench.path());
         for (effect, size) in &self.list {
             effect.apply(*size, &path, &self.ranges, &mut flat);
         }

@@ -32,7 +32,8 @@ Example:
 
 fn run(args: &Args) -> Result<()> {
     let out = args.out.display();
-    let record = Record::read(&args.out)?.with_context(|| format!("{out}: was not submitted; gl-submit does that"))?;
+    let record =
+        Record::read(&args.out)?.with_context(|| format!("{out}: was not submitted; gl-submit does that"))?;
     let scheduler = of_engine(record.engine, &Cluster::default(), Patience::medium())?;
     let say = |text: &str| gl_cli::note("gl-cancel", text);
     let pause = || thread::sleep(Duration::from_millis(500));

@@ -6,11 +6,13 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
+use gl_gap::attribute::attribution::{Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
 use gl_gap::attribute::marginals::{Marginal, marginals};
 use gl_gap::attribute::measurement::Kind;
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::problem::Problem;
+use gl_gap::attribute::rest::{GoesWith, goes_with};
 use gl_gap::attribute::self_check::{Design, self_check, summary};
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
@@ -66,6 +68,13 @@ struct Args {
     /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
     #[arg(long, value_name = "FILE")]
     posterior_out: Option<PathBuf>,
+    /// Also write what the rest goes with, where the first hypothesis leaves one: observable, goes_with, share, z,
+    /// like
+    #[arg(long, value_name = "FILE")]
+    rest_out: Option<PathBuf>,
+    /// Also write what is concluded: code, value, text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Also write the samples to run next, which would teach the emulator most about this measurement:
     /// from the posteriors of all hypotheses that are not out of the question
     #[arg(long, value_name = "FILE")]
@@ -146,13 +155,15 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.posterior_out {
         write_posteriors(path, &problem, &diagnosis)?;
     }
+    if let Some(path) = &args.rest_out {
+        write_rest(path, &problem, &diagnosis)?;
+    }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
         write_next(path, count, args, &problem, &diagnosis)?;
     }
-    for line in verdict(&problem, &diagnosis, args.seed)? {
-        note(line);
-    }
+    let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), args.seed)?;
+    gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref())?;
     if let Some(count) = args.self_check {
         let noise = diagnosis::noise(&problem, &diagnosis);
         let design = Design {
@@ -177,11 +188,14 @@ fn write(path: Option<&Path>, diagnosis: &Diagnosis) -> Result<()> {
         "unexplained",
         "confounded_with",
         "ln_evidence_error",
+        "closes",
+        "ruled_out",
     ];
     let mut table = TableWriter::create(path, &columns)?;
     for row in &diagnosis.rows {
         table.text(&row.name).numbers(&[row.probability, row.ln_evidence, row.gap, row.left]);
-        table.text(&row.confounded.join(",")).number(row.error).end_row()?;
+        table.text(&row.confounded.join(",")).numbers(&[row.error, row.closes]);
+        table.text(row.ruled_out.map_or("-", RuledOut::word)).end_row()?;
     }
     table.finish()
 }
@@ -198,7 +212,7 @@ fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed:
     let columns = ["hypothesis", "shrink", "shrink_low", "shrink_high"];
     let mut table = TableWriter::create(Some(path), &columns)?;
     let explanations = &diagnosis.attribution.explanations;
-    for of in explanations.iter().filter(|of| of.probability >= LIKELY && !of.hypothesis.is_empty()) {
+    for of in explanations.iter().filter(|of| of.probability >= LIKELY && of.is_cause()) {
         let shrink = diagnosis::shrink(problem, explanations, of, seed)?;
         table.text(&of.name).numbers(&[shrink.median, shrink.low, shrink.high]).end_row()?;
     }
@@ -208,10 +222,28 @@ fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed:
 fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
     let columns = ["hypothesis", "parameter", "mean", "sd", "q05", "q95", "lean"];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for of in diagnosis.attribution.explanations.iter().filter(|of| !of.is_hopeless) {
+    let leans = |of: &Explanation, parameter: &str| {
+        let lean =
+            diagnosis.leans.iter().find(|lean| lean.hypothesis == of.name && lean.parameter == parameter);
+        lean.map(|lean| if lean.is_upper { 1.0 } else { -1.0 })
+    };
+    let is_said =
+        |of: &&Explanation| !of.is_behind || diagnosis.leans.iter().any(|lean| lean.hypothesis == of.name);
+    for of in diagnosis.attribution.explanations.iter().filter(is_said) {
         for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
-            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, f64::from(lean)]).end_row()?;
+            let lean = leans(of, &name).unwrap_or(f64::from(lean));
+            table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, lean]).end_row()?;
         }
+    }
+    table.finish()
+}
+
+fn write_rest(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["observable", "goes_with", "share", "z", "like"])?;
+    let first = diagnosis.first();
+    let all = if first.has_rest { goes_with(problem, first)? } else { Vec::new() };
+    for GoesWith { observable, what, share, z, like } in all {
+        table.text(&problem.observables[observable]).text(&what).numbers(&[share, z]).text(like).end_row()?;
     }
     table.finish()
 }

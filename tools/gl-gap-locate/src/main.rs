@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_gap::locate::{Stretch, locate, verdict};
+use gl_gap::locate::{Stretch, fits, locate, verdict};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
 use gl_inference::weights::Weights;
@@ -37,6 +37,9 @@ struct Args {
     /// Seed of the replicates that say what stands out
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Also write what is concluded: code, value, text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Where the table goes; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -63,8 +66,8 @@ fn run(args: &Args) -> Result<()> {
     let stretches =
         locate(&observations, &ensemble, &of_runs, weights.varying(), noise.as_deref(), args.seed)?;
     write(args.output.as_deref(), &stretches, &observations)?;
-    gl_cli::note("gl-gap-locate", verdict(&stretches, &observations));
-    Ok(())
+    let fit = fits(&observations, &ensemble, &of_runs, weights.varying(), noise.as_deref())?;
+    gl_cli::conclude("gl-gap-locate", &verdict(&stretches, &fit, &observations), args.verdict.as_deref())
 }
 
 fn write(path: Option<&Path>, stretches: &[Stretch], observations: &Observations) -> Result<()> {

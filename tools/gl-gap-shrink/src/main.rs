@@ -51,6 +51,9 @@ struct Args {
     /// Seed of the interval's replicates; the same seed gives the same interval on every machine
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Also write what is concluded: code, value, text
+    #[arg(long, value_name = "FILE")]
+    verdict: Option<PathBuf>,
     /// Where the table goes; stdout when absent
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -100,10 +103,8 @@ fn run(args: &Args) -> Result<()> {
     let after = args.after.read(&args.control, &args.observables)?;
     let shrinks = shrink(&observations, &before, &after, unseen, noise.as_deref(), args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &args.observables)?;
-    if let Some(all) = shrinks.last() {
-        gl_cli::note("gl-gap-shrink", verdict(all));
-    }
-    Ok(())
+    let verdicts = shrinks.last().map(verdict).unwrap_or_default();
+    gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
 }
 
 fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {

@@ -138,7 +138,7 @@ impl Emulator {
         let rect = Rect::new(left, top, right, top + size);
         let rms =
             (triples.iter().map(|&(x, y, _)| (x - y).powi(2)).sum::<f64>() / triples.len() as f64).sqrt();
-        let heading = format!("root mean square error {}", gl_figure::axis::short(rms));
+        let heading = format!("root mean square error {}", gl_figure::number::short(rms));
         let mut panel = Panel::new(format!("predicted against simulated {name}"), rect, x.clone(), y)
             .heading(heading)
             .beside(beside)

@@ -121,7 +121,7 @@ impl Fit {
             });
         }
         legend.push((Key::Line(paint.mean), mean.to_owned()));
-        legend.push((Key::Area(paint.band), "90 % band".to_owned()));
+        legend.push((Key::Band(paint.band, paint.edge), "90 % band".to_owned()));
         for (rank, name) in best.iter().enumerate() {
             legend.push((Key::Line(paint.best(rank)), format!("{}: {name}", rank + 1)));
         }
@@ -215,26 +215,24 @@ impl Curves<'_> {
         if let Some((low, high)) = self.noise_ends(self.measured) {
             paint.noise(panel, control, &low, &high);
         }
-        panel.band("90 % band", control, &self.low, &self.high, paint.band);
-        panel.dots("measured", pairs(control, self.measured), paint.dot, 4000);
-        panel.line("mean", pairs(control, &self.mean), paint.mean);
         for (rank, curve) in self.best.iter().enumerate().rev() {
             panel.line(&format!("best run {}", rank + 1), pairs(control, curve), paint.best(rank));
         }
+        paint.prediction(panel, control, &self.low, &self.high, &self.mean);
+        panel.dots("measured", pairs(control, self.measured), paint.dot, 4000);
     }
 
     fn draw_residuals(&self, panel: &mut Panel, control: &[f64], paint: &Paints) {
         if let Some((low, high)) = self.noise_ends(&vec![0.0; control.len()]) {
             panel.band("noise", control, &low, &high, paint.noise_band);
         }
-        let (low, high) = (minus(self.measured, &self.high), minus(self.measured, &self.low));
-        panel.band("90 % band", control, &low, &high, paint.band);
-        panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
-        panel.line("mean", pairs(control, &minus(self.measured, &self.mean)), paint.mean);
         for (rank, curve) in self.best.iter().enumerate().rev() {
             let residual = minus(self.measured, curve);
             panel.line(&format!("best run {}", rank + 1), pairs(control, &residual), paint.best(rank));
         }
+        let (low, high) = (minus(self.measured, &self.high), minus(self.measured, &self.low));
+        panel.horizontal("zero", 0.0, Paint::line(color::INK, 0.5));
+        paint.prediction(panel, control, &low, &high, &minus(self.measured, &self.mean));
     }
 }
 
@@ -245,6 +243,7 @@ struct Paints {
     noise_band: Paint,
     mean: Paint,
     band: Paint,
+    edge: Paint,
 }
 
 impl Paints {
@@ -253,14 +252,25 @@ impl Paints {
             dot: Dot::among(steps, color::BLACK),
             noise_bar: Paint::line(color::GREY, 0.7),
             noise_band: Paint::area(color::GREY).opacity(0.3),
-            mean: Paint::line(color::BLUE, 1.3),
+            mean: Paint::line(color::BLUE, 1.1),
             band: Paint::area(color::SKY).opacity(0.4),
+            edge: Paint::line(color::BLUE, 0.4),
         }
     }
 
     fn best(&self, rank: usize) -> Paint {
-        let paint = Paint::line(BEST[rank % BEST.len()], 0.8);
-        if rank == 0 { paint } else { paint.dashed(4.0 / rank as f64, 1.5) }
+        // Wide and pale, below the mean, which they mostly lie on.
+        let paint = Paint::line(BEST[rank % BEST.len()], 2.6 - 0.5 * rank.min(3) as f64).opacity(0.5);
+        if rank == 0 { paint } else { paint.dashed(4.0 / rank as f64, 2.5) }
+    }
+
+    /// Mean and band of the runs, over everything else.
+    fn prediction(&self, panel: &mut Panel, control: &[f64], low: &[f64], high: &[f64], mean: &[f64]) {
+        panel.band("90 % band", control, low, high, self.band);
+        for edge in [low, high] {
+            panel.line("end of the band", pairs(control, edge), self.edge);
+        }
+        panel.line("mean", pairs(control, mean), self.mean);
     }
 
     fn noise(&self, panel: &mut Panel, control: &[f64], low: &[f64], high: &[f64]) {

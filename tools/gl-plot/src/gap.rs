@@ -109,109 +109,142 @@ fn read(path: &Path) -> Result<Vec<Stretch>> {
 const BEFORE: Color = color::BLUE;
 const AFTER: Color = color::GREEN;
 
+/// Everything that the panels show.
+struct Data {
+    /// Tables of stretches, before and perhaps after, in their colours.
+    tables: Vec<(Vec<Stretch>, Color)>,
+    /// The gap of each reading, as far as it is known.
+    readings: Vec<(Readings, Color)>,
+    /// Whether the control turns back, so that steps are counted instead.
+    along_steps: bool,
+    along: Label,
+    observables: Vec<String>,
+}
+
 impl Gap {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let mut before = read(&self.gap)?;
-        let mut after = self.after.as_deref().map(read).transpose()?;
-        let along_steps = turns_back(&before) || after.as_deref().is_some_and(turns_back);
-        if along_steps {
-            for stretch in before.iter_mut().chain(after.iter_mut().flatten()) {
-                // Without them the control has to do.
-                (stretch.from, stretch.to) = stretch.steps.unwrap_or((stretch.from, stretch.to));
-            }
-        }
-        let mut readings = Vec::new();
-        for (ensemble, weights) in
-            [(&self.ensemble, &self.weights), (&self.after_ensemble, &self.after_weights)]
-        {
-            if let (Some(ensemble), Some(weights)) = (ensemble, weights) {
-                readings.push(self.readings(ensemble, weights)?);
-            }
-        }
-        let name = self.control.clone().or(readings.first().map(|readings| readings.control_name.clone()));
-        let name = name.unwrap_or_else(|| "control".to_owned());
-        let label =
-            if along_steps { Label::new("step") } else { Label { unit: self.units.get(&name), name } };
-        let mut names: Vec<String> = Vec::new();
-        for stretch in before.iter().chain(after.iter().flatten()) {
-            if !names.contains(&stretch.observable) {
-                names.push(stretch.observable.clone());
-            }
-        }
-
+        let data = self.data()?;
         let mut figure = Figure::new("Gap between measurement and simulation", style.width);
-        let mut legend = vec![
-            (
-                Key::Line(Paint::line(BEFORE, 1.8)),
-                if after.is_some() { "before" } else { "gap of a stretch" }.to_owned(),
-            ),
-            (Key::Area(significant_paint(BEFORE)), "significant, with its share of the gap".to_owned()),
-        ];
-        if after.is_some() {
-            legend.push((Key::Line(Paint::line(AFTER, 1.8)), "after".to_owned()));
-            legend.push((Key::Area(significant_paint(AFTER)), "significant".to_owned()));
-        }
-        legend.push((Key::Line(limit_paint()), "± 2 sd".to_owned()));
-        figure.legend(&legend);
-
-        let columns = figure.columns(names.len(), 150.0);
-        let tables: Vec<(&[Stretch], Color)> = match &after {
-            Some(after) => vec![(&before, BEFORE), (after, AFTER)],
-            None => vec![(&before, BEFORE)],
-        };
-        for row in names.chunks(columns) {
-            let (left, right) = figure.cell(0, columns);
-            let height = (0.6 * (right - left)).clamp(80.0, 150.0);
-            let top = figure.y + 4.0;
-            let mut foot = top;
+        figure.legend(&legend(data.tables.len() > 1));
+        let columns = figure.columns(data.observables.len(), 150.0);
+        for row in data.observables.chunks(columns) {
+            let mut foot = figure.y;
             for (place, name) in row.iter().enumerate() {
-                let (left, right) = figure.cell(place, columns);
-                let tables: Vec<(Vec<Stretch>, Color)> =
-                    tables.iter().map(|(table, color)| (own(table, name), *color)).collect();
-                let curves: Vec<(Vec<(f64, f64)>, Color)> = readings
-                    .iter()
-                    .zip([BEFORE, AFTER])
-                    .filter_map(|(readings, color)| Some((readings.of(name, along_steps)?, color)))
-                    .collect();
-                let all = || tables.iter().flat_map(|(table, _)| table);
-                let z = Span::of(all().map(|stretch| stretch.z)).with(-3.0).with(3.0).padded(0.16);
-                let y = Axis::vertical(z, Label::new(format!("gap of {name} / sd")), height);
-                let each = Span::of(curves.iter().flat_map(|(points, _)| points.iter().map(|point| point.1)));
-                let each = each.with(-2.5).with(2.5).padded(0.08);
-                let each_y = Axis::vertical(each, Label::new("each reading / sd"), height);
-                let beside = room_beside(&y, height).max(room_beside(&each_y, height));
-                let (left, right) = (left + beside, right - 7.0);
-                let ends = all().flat_map(|stretch| [stretch.from, stretch.to]);
-                let x = Axis::horizontal(Span::of(ends).padded(0.03), label.clone(), right - left);
-
-                let mut top = top;
-                if !curves.is_empty() {
-                    let rect = Rect::new(left, top, right, top + height);
-                    let mut panel =
-                        Panel::new(format!("gap of each reading of {name}"), rect, x.clone(), each_y)
-                            .beside(beside)
-                            .without_x_labels();
-                    tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
-                    lines(&mut panel);
-                    for (points, color) in &curves {
-                        let dot = Dot { opacity: 0.7, ..Dot::among(points.len(), *color) };
-                        panel.dots("readings", points.iter().copied(), dot, 3000);
-                    }
-                    figure.add(panel.finish());
-                    top += height + 8.0;
-                }
-                let rect = Rect::new(left, top, right, top + height);
-                let mut panel = Panel::new(format!("gap of {name}"), rect, x, y).beside(beside);
-                tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
-                lines(&mut panel);
-                tables.iter().for_each(|(table, color)| draw(&mut panel, table, *color));
-                tables.iter().take(1).for_each(|(table, _)| write_shares(&mut panel, table));
-                foot = foot.max(panel.foot());
-                figure.add(panel.finish());
+                foot = foot.max(data.of(name).draw(&mut figure, place, columns));
             }
             figure.y = foot + 4.0;
         }
         Ok(figure.finish())
+    }
+
+    fn data(&self) -> Result<Data> {
+        let mut tables = vec![(read(&self.gap)?, BEFORE)];
+        if let Some(after) = &self.after {
+            tables.push((read(after)?, AFTER));
+        }
+        let along_steps = tables.iter().any(|(table, _)| turns_back(table));
+        for stretch in tables.iter_mut().flat_map(|(table, _)| table).filter(|_| along_steps) {
+            // Without them the control has to do.
+            (stretch.from, stretch.to) = stretch.steps.unwrap_or((stretch.from, stretch.to));
+        }
+        let mut readings = Vec::new();
+        let after = (&self.after_ensemble, &self.after_weights);
+        for ((ensemble, weights), color) in [((&self.ensemble, &self.weights), BEFORE), (after, AFTER)] {
+            if let (Some(ensemble), Some(weights)) = (ensemble, weights) {
+                readings.push((self.readings(ensemble, weights)?, color));
+            }
+        }
+        let known = readings.first().map(|(readings, _)| readings.control_name.clone());
+        let name = self.control.clone().or(known).unwrap_or_else(|| "control".to_owned());
+        let unit = self.units.get(&name);
+        let mut observables: Vec<String> = Vec::new();
+        for stretch in tables.iter().flat_map(|(table, _)| table) {
+            if !observables.contains(&stretch.observable) {
+                observables.push(stretch.observable.clone());
+            }
+        }
+        let along = if along_steps { Label::new("step") } else { Label { name, unit } };
+        Ok(Data { tables, readings, along_steps, along, observables })
+    }
+}
+
+fn legend(has_after: bool) -> Vec<(Key, String)> {
+    let before = if has_after { "before" } else { "gap of a stretch" };
+    let mut legend = vec![
+        (Key::Line(Paint::line(BEFORE, 1.8)), before.to_owned()),
+        (Key::Area(significant_paint(BEFORE)), "significant, with its share of the gap".to_owned()),
+    ];
+    if has_after {
+        legend.push((Key::Line(Paint::line(AFTER, 1.8)), "after".to_owned()));
+        legend.push((Key::Area(significant_paint(AFTER)), "significant".to_owned()));
+    }
+    legend.push((Key::Line(limit_paint()), "± 2 sd".to_owned()));
+    legend
+}
+
+/// The same of one observable.
+struct OfObservable<'a> {
+    name: &'a str,
+    tables: Vec<(Vec<Stretch>, Color)>,
+    /// Points along the control or the steps.
+    readings: Vec<(Vec<(f64, f64)>, Color)>,
+    along: &'a Label,
+}
+
+impl Data {
+    fn of<'a>(&'a self, name: &'a str) -> OfObservable<'a> {
+        let of = |(readings, color): &(Readings, Color)| Some((readings.of(name, self.along_steps)?, *color));
+        OfObservable {
+            name,
+            tables: self.tables.iter().map(|(table, color)| (own(table, name), *color)).collect(),
+            readings: self.readings.iter().filter_map(of).collect(),
+            along: &self.along,
+        }
+    }
+}
+
+impl OfObservable<'_> {
+    fn stretches(&self) -> impl Iterator<Item = &Stretch> {
+        self.tables.iter().flat_map(|(table, _)| table)
+    }
+
+    /// Draw the gap of each reading, where it is known, and that of the stretches below; where they end.
+    fn draw(&self, figure: &mut Figure, place: usize, columns: usize) -> f64 {
+        let (left, right) = figure.cell(place, columns);
+        let height = (0.6 * (right - left)).clamp(80.0, 150.0);
+        let z = Span::of(self.stretches().map(|stretch| stretch.z)).with(-3.0).with(3.0).padded(0.16);
+        let y = Axis::vertical(z, Label::new(format!("gap of {} / sd", self.name)), height);
+        let each = Span::of(self.readings.iter().flat_map(|(points, _)| points.iter().map(|point| point.1)));
+        let each = each.with(-2.5).with(2.5).padded(0.08);
+        let each_y = Axis::vertical(each, Label::new("each reading / sd"), height);
+        let beside = room_beside(&y, height).max(room_beside(&each_y, height));
+        let (left, right) = (left + beside, right - 7.0);
+        let ends = self.stretches().flat_map(|stretch| [stretch.from, stretch.to]);
+        let x = Axis::horizontal(Span::of(ends).padded(0.03), self.along.clone(), right - left);
+
+        let mut top = figure.y + 4.0;
+        if !self.readings.is_empty() {
+            let rect = Rect::new(left, top, right, top + height);
+            let name = format!("gap of each reading of {}", self.name);
+            let mut panel = Panel::new(name, rect, x.clone(), each_y).beside(beside).without_x_labels();
+            self.tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
+            lines(&mut panel);
+            for (points, color) in &self.readings {
+                let dot = Dot { opacity: 0.7, ..Dot::among(points.len(), *color) };
+                panel.dots("readings", points.iter().copied(), dot, 3000);
+            }
+            figure.add(panel.finish());
+            top += height + 8.0;
+        }
+        let rect = Rect::new(left, top, right, top + height);
+        let mut panel = Panel::new(format!("gap of {}", self.name), rect, x, y).beside(beside);
+        self.tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
+        lines(&mut panel);
+        self.tables.iter().for_each(|(table, color)| draw(&mut panel, table, *color));
+        self.tables.iter().take(1).for_each(|(table, _)| write_shares(&mut panel, table));
+        let foot = panel.foot();
+        figure.add(panel.finish());
+        foot
     }
 }
 

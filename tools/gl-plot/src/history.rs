@@ -60,6 +60,10 @@ impl Trend {
         self
     }
 
+    fn moves(&self) -> bool {
+        self.span.low < self.span.high
+    }
+
     /// On a logarithmic axis where the values span more than a decade.
     fn wide(mut self) -> Self {
         if self.span.low > 0.0 && self.span.high > 10.0 * self.span.low {
@@ -118,10 +122,17 @@ fn along_steps(table: &Table, parameters: &Parameters) -> Result<Vec<Stacks>> {
         .filter_map(|column| column.strip_prefix("mean(")?.strip_suffix(')'))
         .collect();
     ensure!(!names.is_empty(), "{source}:1: no column mean(NAME); is it the history of gl-filter?");
-    let mut stacks = Vec::new();
+    let mut columns = Vec::new();
     for name in names {
         let means = table.numbers(&format!("mean({name})"))?;
         let cv = table.numbers(&format!("cv({name})"))?;
+        let moves = cv.iter().any(|cv| *cv != 0.0) || means.iter().any(|mean| *mean != means[0]);
+        columns.push((name, means, cv, moves));
+    }
+    // Parameters of effects that are off stand still.
+    let some_move = columns.iter().any(|(.., moves)| *moves);
+    let mut stacks = Vec::new();
+    for (name, means, cv, _) in columns.into_iter().filter(|(.., moves)| *moves || !some_move) {
         let sd: Vec<f64> = means.iter().zip(&cv).map(|(mean, cv)| mean.abs() * cv).collect();
         let (low, high) = means
             .iter()
@@ -156,15 +167,13 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
     let mut means = Vec::new();
     for parameter in &tables[0].1.parameters {
         let name = &parameter.name;
-        let trend = Trend::new(
-            &iteration,
-            quantities(&format!("mean({name})"))?,
-            parameters.label(name),
-            name,
-            color::BLUE,
-        )
-        .with_band(quantities(&format!("q05({name})"))?, quantities(&format!("q95({name})"))?);
-        means.push(vec![trend]);
+        let of = |kind: &str| quantities(&format!("{kind}({name})"));
+        let trend = Trend::new(&iteration, of("mean")?, parameters.label(name), name, color::BLUE);
+        means.push(vec![trend.with_band(of("q05")?, of("q95")?)]);
+    }
+    // Parameters of effects that are off stand still.
+    if means.iter().any(|stack| stack[0].moves()) {
+        means.retain(|stack| stack[0].moves());
     }
     Ok(vec![numbers, means])
 }

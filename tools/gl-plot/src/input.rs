@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use gl_inference::observations::ByName;
 use gl_inference::prior::{Parameter, Prior, Scale};
+use gl_inference::summary::Summary;
 use gl_inference::weights::Weights;
-use gl_numeric::statistics::Quantiles;
+use gl_numeric::statistics::{Quantiles, mean};
 
-use gl_figure::axis::{Label, Span};
+use gl_figure::axis::{Label, SMALL, Span};
+use gl_figure::{font, number};
 
 /// Read a weights table that a picture can be made of: samples with their parameters.
 ///
@@ -34,6 +36,66 @@ fn with_parameters(weights: Weights) -> Result<Weights> {
         weights.source
     );
     Ok(weights)
+}
+
+/// Without the parameters that stand still, such as those of effects that are off; all where none moves.
+pub fn moving(weights: Weights) -> Weights {
+    let moves = which_move(&[&weights]);
+    only(weights, &moves)
+}
+
+/// The parameters that differ between the samples of one of these tables; all where none does.
+pub fn which_move(tables: &[&Weights]) -> Vec<usize> {
+    let all = 0..tables.first().map_or(0, |table| table.parameters.len());
+    let differs =
+        |j: &usize| tables.iter().any(|table| table.values.iter().any(|row| row[*j] != table.values[0][*j]));
+    let moves: Vec<usize> = all.clone().filter(differs).collect();
+    if moves.is_empty() { all.collect() } else { moves }
+}
+
+/// The same samples with these parameters only.
+pub fn only(mut weights: Weights, parameters: &[usize]) -> Weights {
+    weights.parameters = parameters.iter().map(|&j| weights.parameters[j].clone()).collect();
+    for row in &mut weights.values {
+        *row = parameters.iter().map(|&j| row[j]).collect();
+    }
+    weights
+}
+
+/// What is known of one parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimate {
+    pub mean: f64,
+    /// Ends of the 90 % interval.
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Estimate {
+    /// What a summary says, which allows for few runs, else what weights say.
+    ///
+    /// # Errors
+    /// If the summary lacks the parameter.
+    pub fn of(summary: Option<&Summary>, name: &str, values: &[f64], weights: &[f64]) -> Result<Self> {
+        let Some(summary) = summary else {
+            let quantiles = Quantiles::new(values, weights);
+            return Ok(Self {
+                mean: mean(values, weights),
+                low: quantiles.at(0.05),
+                high: quantiles.at(0.95),
+            });
+        };
+        let number = |kind: &str| {
+            let quantity = format!("{kind}({name})");
+            summary.quantity(&quantity).with_context(|| format!("--summary: no quantity {quantity}"))
+        };
+        Ok(Self { mean: number("mean")?, low: number("q05")?, high: number("q95")? })
+    }
+
+    /// As a heading of at most so many points.
+    pub fn heading(&self, width: f64) -> String {
+        number::estimate(self.mean, self.low, self.high, |text| font::width(text, SMALL) <= width)
+    }
 }
 
 /// The values of a parameter, shape (samples,).
@@ -71,11 +133,6 @@ impl Parameters {
 
     pub fn get(&self, name: &str) -> Option<&Parameter> {
         self.0.iter().find(|parameter| parameter.name == name)
-    }
-
-    /// Whether a table of parameters was given.
-    pub fn known(&self) -> bool {
-        !self.0.is_empty()
     }
 
     pub fn label(&self, name: &str) -> Label {

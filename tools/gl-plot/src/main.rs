@@ -1,4 +1,4 @@
-//! Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
+//! Draw the tables of a calibration and of a diagnosis, as SVG, PDF or PNG.
 
 mod attribution;
 mod emulator;
@@ -17,10 +17,10 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, ensure};
 use clap::{Parser, Subcommand};
-use gl_figure::{raster, svg};
+use gl_figure::{pdf, raster, svg};
 use gl_table::Sink;
 
-/// Draw the tables of a calibration and of a diagnosis, as SVG or PNG.
+/// Draw the tables of a calibration and of a diagnosis, as SVG, PDF or PNG
 #[derive(Parser)]
 #[command(name = "gl-plot", version, after_help = EXAMPLE)]
 struct Args {
@@ -52,7 +52,7 @@ enum Picture {
 /// What every picture has.
 #[derive(clap::Args)]
 pub struct Style {
-    /// Picture to write, .svg or .png; SVG to standard output when absent
+    /// Picture to write, .svg, .pdf or .png; SVG to standard output when absent
     #[arg(short, long, value_name = "FILE", global = true)]
     output: Option<PathBuf>,
     /// Width of the picture in millimetres
@@ -102,6 +102,7 @@ impl FromStr for Units {
 /// What a picture is written as.
 enum Kind {
     Svg,
+    Pdf,
     Png,
 }
 
@@ -111,8 +112,9 @@ impl Kind {
         let Some(path) = path.filter(|path| *path != Path::new("-")) else { return Ok(Self::Svg) };
         match path.extension().map(|end| end.to_string_lossy().to_lowercase()).as_deref() {
             Some("svg") => Ok(Self::Svg),
+            Some("pdf") => Ok(Self::Pdf),
             Some("png") => Ok(Self::Png),
-            _ => anyhow::bail!("-o {}: a picture is called NAME.svg or NAME.png", path.display()),
+            _ => anyhow::bail!("-o {}: a picture is called NAME.svg, NAME.pdf or NAME.png", path.display()),
         }
     }
 }
@@ -132,6 +134,7 @@ fn run(args: &Args) -> Result<()> {
     };
     let bytes = match kind {
         Kind::Svg => svg::render(&scene).into_bytes(),
+        Kind::Pdf => pdf::render(&scene)?,
         Kind::Png => raster::render(&scene, args.style.dpi)?,
     };
     let mut sink = Sink::create(output)?;

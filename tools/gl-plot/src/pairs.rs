@@ -6,15 +6,18 @@ use anyhow::Result;
 use clap::Args;
 use gl_inference::observations::ByName;
 use gl_inference::samples::Samples;
+use gl_inference::summary::Summary;
 use gl_numeric::density::{joint, levels, marginal};
 
 use crate::Style;
-use crate::input::{Parameters, check_truth, column, place_within, read_weights, stem, within};
-use gl_figure::axis::Span;
+use crate::input::{
+    Estimate, Parameters, check_truth, column, moving, place_within, read_weights, stem, within,
+};
+use gl_figure::axis::{Label, Span};
 use gl_figure::contour;
 use gl_figure::figure::{Figure, Key, star_paint};
-use gl_figure::matrix;
-use gl_figure::panel::Dot;
+use gl_figure::matrix::Matrix;
+use gl_figure::panel::{Dot, Panel};
 use gl_figure::scene::{Color, Paint, Scene, color, star};
 
 /// Samples of every iteration, and the posterior density of each pair of parameters
@@ -33,6 +36,9 @@ pub struct Pairs {
     /// True values where they are known, as in a=0.2,b=5
     #[arg(long, value_name = "NAME=VALUE,…")]
     truth: Option<ByName>,
+    /// Summary of the weights: means and intervals, which allow for few runs
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
     /// Axes as wide as the posterior, not as the bounds
     #[arg(long)]
     close_up: bool,
@@ -78,147 +84,93 @@ impl Cloud {
     }
 }
 
+/// Everything that the panels show, of parameters in the order of `names`.
+struct Data {
+    names: Vec<String>,
+    labels: Vec<Label>,
+    /// Weighed samples, shape (parameters, samples).
+    values: Vec<Vec<f64>>,
+    weight: Vec<f64>,
+    clouds: Vec<Cloud>,
+    /// The clouds that the legend names.
+    named: Vec<usize>,
+    truth: ByName,
+    spans: Vec<Span>,
+    /// Where samples can be.
+    supports: Vec<Span>,
+    /// Density of the posterior, shape (parameters, cells).
+    marginals: Vec<Vec<f64>>,
+    /// Densities of the samples of each named cloud, shape (parameters, clouds, cells).
+    searched: Vec<Vec<Vec<f64>>>,
+    /// Mean and interval.
+    estimates: Vec<Estimate>,
+}
+
 impl Pairs {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let parameters = Parameters::read(self.params.as_deref())?;
-        let weights = read_weights(&self.weights)?;
-        let names = &weights.parameters;
-        let n = names.len();
-        let truth = self.truth.clone().unwrap_or_default();
-        check_truth(&truth, names)?;
-        let values: Vec<Vec<f64>> = (0..n).map(|j| column(&weights, j)).collect();
-        let clouds = self.clouds(names, &values)?;
+        let data = self.data()?;
+        let mut figure = Figure::new(format!("Pairs of {}", data.names.join(", ")), style.width);
+        figure.legend(&data.legend());
+        let matrix = data.matrix(figure.width);
+        matrix.draw(
+            &mut figure,
+            |panel, j| data.draw_single(panel, j, matrix.highest[j]),
+            |panel, i, j| data.draw_pair(panel, i, j),
+        );
+        Ok(figure.finish())
+    }
 
-        let spans: Vec<Span> = (0..n)
-            .map(|j| {
-                let clouds = clouds.iter().flat_map(|cloud| cloud.values[j].iter().copied());
-                let all: Vec<f64> =
-                    values[j].iter().copied().chain(clouds).chain(truth.get(&names[j])).collect();
-                if self.close_up {
-                    parameters.close_span(&names[j], &values[j], &weights.weight)
-                } else {
-                    parameters.span(&names[j], &all)
-                }
-            })
-            .collect();
-        let labels: Vec<_> = names.iter().map(|name| parameters.label(name)).collect();
+    fn data(&self) -> Result<Data> {
+        let parameters = Parameters::read(self.params.as_deref())?;
+        let summary = self.summary.as_deref().map(Summary::read).transpose()?;
+        let all = read_weights(&self.weights)?;
+        let truth = self.truth.clone().unwrap_or_default();
+        check_truth(&truth, &all.parameters)?;
+        let weights = moving(all);
+        let names = weights.parameters.clone();
+        let n = names.len();
+        let values: Vec<Vec<f64>> = (0..n).map(|j| column(&weights, j)).collect();
+        let clouds = self.clouds(&names, &values)?;
+        let span = |j: usize| {
+            if self.close_up {
+                return parameters.close_span(&names[j], &values[j], &weights.weight);
+            }
+            let clouds = clouds.iter().flat_map(|cloud| cloud.values[j].iter().copied());
+            let all: Vec<f64> = values[j].iter().copied().chain(clouds).chain(truth.get(&names[j])).collect();
+            parameters.span(&names[j], &all)
+        };
+        let spans: Vec<Span> = (0..n).map(span).collect();
         let supports: Vec<Span> =
             (0..n).map(|j| parameters.support(&names[j], spans[j], &values[j])).collect();
         let density = |j: usize, values: &[f64], weights: &[f64]| {
             let (places, weights) = within(supports[j], values, weights);
             marginal(&places, &weights, CELLS_OF_ONE)
         };
-        let marginals: Vec<Vec<f64>> = (0..n).map(|j| density(j, &values[j], &weights.weight)).collect();
-        // Where each iteration looked, as densities; without tables of samples there is nothing to tell.
-        let named = self.named(clouds.len());
-        let looked: Vec<Vec<Vec<f64>>> = (0..n)
-            .map(|j| {
-                let of = |&cloud: &usize| {
-                    let values = &clouds[cloud].values[j];
-                    density(j, values, &vec![1.0 / values.len() as f64; values.len()])
-                };
-                named.iter().filter(|_| !self.samples.is_empty() && !self.close_up).map(of).collect()
-            })
-            .collect();
-        let highest_of = |curves: &[Vec<f64>]| curves.iter().flatten().copied().fold(0.0, f64::max);
-        let highest: Vec<f64> = (0..n)
-            .map(|j| {
-                let own = highest_of(&marginals[j..=j]);
-                // A sharp proposal may leave the panel, but must not press the posterior flat.
-                own.max(highest_of(&looked[j]).min(1.5 * own))
-            })
-            .collect();
-
-        let mut figure = Figure::new(format!("Pairs of {}", names.join(", ")), style.width);
-        let mut legend: Vec<(Key, String)> = named
-            .iter()
-            .map(|&i| (Key::Dot(Dot::among(1, clouds[i].color)), clouds[i].label.clone()))
-            .collect();
-        legend.push((Key::Line(Paint::line(color::BLUE, 1.2)), "posterior".to_owned()));
-        if n > 1 {
-            legend.push((Key::Area(inner_paint()), "50 % of it".to_owned()));
-            legend.push((Key::Area(outer_paint()), "90 % of it".to_owned()));
-        }
-        if !truth.is_empty() {
-            legend.push((Key::Star(color::BLACK), "truth".to_owned()));
-        }
-        figure.legend(&legend);
-
-        matrix::draw(
-            &mut figure,
-            &spans,
-            &labels,
-            &highest,
-            |panel, j| {
-                let at = |i: usize| supports[j].value((i as f64 + 0.5) / CELLS_OF_ONE as f64);
-                let points: Vec<(f64, f64)> =
-                    marginals[j].iter().enumerate().map(|(i, &density)| (at(i), density)).collect();
-                let x: Vec<f64> = points.iter().map(|point| point.0).collect();
-                panel.band("posterior", &x, &vec![0.0; x.len()], &marginals[j], outer_paint());
-                for (cloud, density) in named.iter().map(|&i| &clouds[i]).zip(&looked[j]) {
-                    let points = x.iter().copied().zip(density.iter().copied());
-                    panel.line(&format!("density of {}", cloud.label), points, Paint::line(cloud.color, 0.8));
-                }
-                panel.line("posterior", points, Paint::line(color::BLUE, 1.2));
-                for cloud in clouds.iter().filter(|_| n == 1) {
-                    let foot = cloud.drawn(j).map(|x| (x, 0.015 * highest[j]));
-                    panel.dots(
-                        &cloud.label,
-                        foot,
-                        Dot::among(cloud.drawn(j).count(), cloud.color),
-                        MOST_IN_A_PANEL,
-                    );
-                }
-                if let Some(value) = truth.get(&names[j]) {
-                    let (x, y) = panel.at((value, 0.0));
-                    panel.add("truth", vec![star((x, y - 5.0), 4.5, star_paint(color::BLACK))]);
-                }
-            },
-            |panel, i, j| {
-                let (mut x, mut y, mut shown) = (Vec::new(), Vec::new(), Vec::new());
-                for (row, &weight) in weights.weight.iter().enumerate() {
-                    let place = |j: usize| place_within(supports[j], values[j][row]);
-                    if let (Some(across), Some(up)) = (place(i), place(j)) {
-                        x.push(across);
-                        y.push(up);
-                        shown.push(weight);
-                    }
-                }
-                let density = joint(&x, &y, &shown, CELLS);
-                let heights = levels(&density, &[0.5, 0.9]);
-                for (height, paint, title) in
-                    [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
-                {
-                    let outlines: Vec<Vec<(f64, f64)>> = contour::above(&density, CELLS, height)
-                        .into_iter()
-                        .map(|line| {
-                            line.into_iter()
-                                .map(|(x, y)| (supports[i].value(x), supports[j].value(y)))
-                                .collect()
-                        })
-                        .collect();
-                    panel.outlines(&format!("{title} of the posterior"), &outlines, paint);
-                }
-                for cloud in &clouds {
-                    let points = cloud.drawn(i).zip(cloud.drawn(j));
-                    let dot = Dot::among(cloud.drawn(i).count() * n, cloud.color);
-                    panel.dots(&cloud.label, points, dot, MOST_IN_A_PANEL);
-                }
-                if let (Some(x), Some(y)) = (truth.get(&names[i]), truth.get(&names[j])) {
-                    let at = panel.at((x, y));
-                    panel.add("truth", vec![star(at, 4.5, star_paint(color::BLACK))]);
-                }
-            },
-        );
-        Ok(figure.finish())
-    }
-
-    /// The clouds that the legend names, of so many: all, or a few from the first to the last.
-    fn named(&self, clouds: usize) -> Vec<usize> {
-        if clouds <= MOST_NAMED {
-            return (0..clouds).collect();
-        }
-        (0..MOST_NAMED).map(|i| i * (clouds - 1) / (MOST_NAMED - 1)).collect()
+        let named = named(clouds.len());
+        // Where each iteration searched; without tables of samples there is nothing to tell.
+        let has_searched = !self.samples.is_empty() && !self.close_up;
+        let searched = |j: usize| {
+            let of = |&cloud: &usize| {
+                let values = &clouds[cloud].values[j];
+                density(j, values, &vec![1.0 / values.len() as f64; values.len()])
+            };
+            named.iter().filter(|_| has_searched).map(of).collect()
+        };
+        let estimate = |j: usize| Estimate::of(summary.as_ref(), &names[j], &values[j], &weights.weight);
+        Ok(Data {
+            labels: names.iter().map(|name| parameters.label(name)).collect(),
+            marginals: (0..n).map(|j| density(j, &values[j], &weights.weight)).collect(),
+            searched: (0..n).map(searched).collect(),
+            estimates: (0..n).map(estimate).collect::<Result<_>>()?,
+            names,
+            weight: weights.weight,
+            values,
+            clouds,
+            named,
+            truth,
+            spans,
+            supports,
+        })
     }
 
     fn clouds(&self, names: &[String], weighed: &[Vec<f64>]) -> Result<Vec<Cloud>> {
@@ -249,6 +201,107 @@ impl Pairs {
     }
 }
 
+/// The clouds that a legend names, of so many: all, or a few from the first to the last.
+fn named(clouds: usize) -> Vec<usize> {
+    if clouds <= MOST_NAMED {
+        return (0..clouds).collect();
+    }
+    (0..MOST_NAMED).map(|i| i * (clouds - 1) / (MOST_NAMED - 1)).collect()
+}
+
+impl Data {
+    fn legend(&self) -> Vec<(Key, String)> {
+        let cloud =
+            |&i: &usize| (Key::Dot(Dot::among(1, self.clouds[i].color)), self.clouds[i].label.clone());
+        let mut legend: Vec<(Key, String)> = self.named.iter().map(cloud).collect();
+        legend.push((Key::Line(posterior_paint()), "posterior".to_owned()));
+        if self.names.len() > 1 {
+            legend.push((Key::Area(inner_paint()), "50 % of it".to_owned()));
+            legend.push((Key::Area(outer_paint()), "90 % of it".to_owned()));
+        }
+        if !self.truth.is_empty() {
+            legend.push((Key::Star(color::BLACK), "truth".to_owned()));
+        }
+        legend
+    }
+
+    fn matrix(&self, figure_width: f64) -> Matrix {
+        let highest_of = |curves: &[Vec<f64>]| curves.iter().flatten().copied().fold(0.0, f64::max);
+        let highest = |j: usize| {
+            let own = highest_of(&self.marginals[j..=j]);
+            // A sharp proposal may leave the panel, but must not press the posterior flat.
+            own.max(highest_of(&self.searched[j]).min(1.5 * own))
+        };
+        let room = Matrix::heading_width(self.names.len(), figure_width);
+        Matrix {
+            spans: self.spans.clone(),
+            labels: self.labels.clone(),
+            highest: (0..self.names.len()).map(highest).collect(),
+            headings: self.estimates.iter().map(|estimate| estimate.heading(room)).collect(),
+        }
+    }
+
+    fn draw_single(&self, panel: &mut Panel, j: usize, highest: f64) {
+        let at = |i: usize| self.supports[j].value((i as f64 + 0.5) / CELLS_OF_ONE as f64);
+        let x: Vec<f64> = (0..CELLS_OF_ONE).map(at).collect();
+        let curve =
+            |density: &[f64]| -> Vec<(f64, f64)> { x.iter().copied().zip(density.iter().copied()).collect() };
+        panel.band("posterior", &x, &vec![0.0; x.len()], &self.marginals[j], outer_paint());
+        for (cloud, density) in self.named.iter().map(|&i| &self.clouds[i]).zip(&self.searched[j]) {
+            let title = format!("density of {}", cloud.label);
+            panel.line(&title, curve(density), Paint::line(cloud.color, 0.8));
+        }
+        panel.line("posterior", curve(&self.marginals[j]), posterior_paint());
+        for cloud in self.clouds.iter().filter(|_| self.names.len() == 1) {
+            let foot = cloud.drawn(j).map(|x| (x, 0.015 * highest));
+            let dot = Dot::among(cloud.drawn(j).count(), cloud.color);
+            panel.dots(&cloud.label, foot, dot, MOST_IN_A_PANEL);
+        }
+        if let Some(value) = self.truth.get(&self.names[j]) {
+            let (x, y) = panel.at((value, 0.0));
+            panel.add("truth", vec![star((x, y - 5.0), 4.5, star_paint(color::BLACK))]);
+        }
+    }
+
+    fn draw_pair(&self, panel: &mut Panel, i: usize, j: usize) {
+        let density = self.joint(i, j);
+        let heights = levels(&density, &[0.5, 0.9]);
+        for (height, paint, title) in
+            [(heights[1], outer_paint(), "90 %"), (heights[0], inner_paint(), "50 %")]
+        {
+            let value = |(x, y)| (self.supports[i].value(x), self.supports[j].value(y));
+            let outlines: Vec<Vec<(f64, f64)>> = contour::above(&density, CELLS, height)
+                .into_iter()
+                .map(|line| line.into_iter().map(value).collect())
+                .collect();
+            panel.outlines(&format!("{title} of the posterior"), &outlines, paint);
+        }
+        for cloud in &self.clouds {
+            let points = cloud.drawn(i).zip(cloud.drawn(j));
+            let dot = Dot::among(cloud.drawn(i).count() * self.names.len(), cloud.color);
+            panel.dots(&cloud.label, points, dot, MOST_IN_A_PANEL);
+        }
+        if let (Some(x), Some(y)) = (self.truth.get(&self.names[i]), self.truth.get(&self.names[j])) {
+            let at = panel.at((x, y));
+            panel.add("truth", vec![star(at, 4.5, star_paint(color::BLACK))]);
+        }
+    }
+
+    /// Density of the posterior of two parameters, of the samples that the panel shows; shape (cells, cells).
+    fn joint(&self, i: usize, j: usize) -> Vec<f64> {
+        let (mut x, mut y, mut shown) = (Vec::new(), Vec::new(), Vec::new());
+        for (row, &weight) in self.weight.iter().enumerate() {
+            let place = |j: usize| place_within(self.supports[j], self.values[j][row]);
+            if let (Some(across), Some(up)) = (place(i), place(j)) {
+                x.push(across);
+                y.push(up);
+                shown.push(weight);
+            }
+        }
+        joint(&x, &y, &shown, CELLS)
+    }
+}
+
 /// From grey for the first iteration over orange to vermilion for the last.
 fn shade(share: f64) -> Color {
     let light = color::GREY.towards(color::WHITE, 0.3);
@@ -257,6 +310,10 @@ fn shade(share: f64) -> Color {
     } else {
         color::ORANGE.towards(color::VERMILION, 2.0 * share - 1.0)
     }
+}
+
+fn posterior_paint() -> Paint {
+    Paint::line(color::BLUE, 1.2)
 }
 
 fn outer_paint() -> Paint {

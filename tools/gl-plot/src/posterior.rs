@@ -2,20 +2,24 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
+use gl_figure::axis::{Axis, Label, SMALL, Span};
+use gl_figure::figure::{Figure, Key, star_paint};
+use gl_figure::panel::{Dot, Panel, room_beside};
+use gl_figure::scene::{Anchor, Color, Item, Paint, Rect, Scene, color, line, star, text};
+use gl_figure::{font, number};
 use gl_inference::observations::ByName;
+use gl_inference::prior::Parameter;
 use gl_inference::summary::Summary;
 use gl_inference::weights::Weights;
 use gl_numeric::density::marginal;
-use gl_numeric::statistics::{Quantiles, mean};
 
 use crate::Style;
-use crate::input::{Parameters, check_truth, column, lightest_first, read_step_weights, stem, within};
-use gl_figure::axis::{Axis, Label, Span};
-use gl_figure::figure::{Figure, Key, star_paint};
-use gl_figure::panel::{Dot, Panel, room_beside};
-use gl_figure::scene::{Color, Paint, Rect, Scene, color, star};
+use crate::input::{
+    Estimate, Parameters, check_truth, column, lightest_first, only, read_step_weights, stem, which_move,
+    within,
+};
 
 /// Weights against each parameter, and the marginals with their 90 % intervals
 #[derive(Args)]
@@ -37,9 +41,12 @@ pub struct Posterior {
     /// True values where they are known, as in a=0.2,b=5
     #[arg(long, value_name = "NAME=VALUE,…")]
     truth: Option<ByName>,
-    /// Axes as wide as the posterior, not as the bounds
+    /// Axes as wide as the posterior; by default so where it takes up less than two fifths of the range
     #[arg(long)]
     close_up: bool,
+    /// Axes as wide as the bounds
+    #[arg(long, conflicts_with = "close_up")]
+    whole: bool,
 }
 
 const EXAMPLE: &str = "\
@@ -50,6 +57,8 @@ Example:
     -o posterior.svg";
 
 const CELLS: usize = 160;
+/// A posterior on a smaller share of the range of the prior than this is shown closely.
+const READABLE: f64 = 0.4;
 /// Dots of all panels together; more would make an SVG that no browser likes.
 const MOST_DOTS: usize = 40_000;
 
@@ -60,87 +69,90 @@ struct Stage {
     color: Color,
 }
 
+/// One parameter: what its panels show.
+struct Column {
+    name: String,
+    label: Label,
+    /// Its values in each stage, shape (stages, samples).
+    values: Vec<Vec<f64>>,
+    estimate: Estimate,
+    truth: Option<f64>,
+    /// What its axis shows.
+    span: Span,
+    /// Whether that is only a part of the range of the prior.
+    is_part: bool,
+    /// Where samples can be.
+    support: Span,
+    prior: Option<Parameter>,
+}
+
+/// Where the panels of a row of parameters stand.
+struct Layout {
+    /// Of each stage, and of the marginals last.
+    tops: Vec<f64>,
+    row_height: f64,
+    beside: f64,
+    columns: usize,
+}
+
+/// Height of the panel of a marginal.
+const MARGINAL: f64 = 62.0;
+/// Above a panel, for its heading.
+const HEADING: f64 = 14.0;
+/// Above the panels, for the range of the prior.
+const RANGE: f64 = 10.0;
+
 impl Posterior {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let parameters = Parameters::read(self.params.as_deref())?;
         let stages = self.stages()?;
-        let names = &stages[0].weights.parameters;
-        let truth = self.truth.clone().unwrap_or_default();
-        check_truth(&truth, names)?;
-
-        let summary = self.summary.as_deref().map(Summary::read).transpose()?;
-        let stated: Vec<Option<(f64, f64, f64)>> = names
-            .iter()
-            .map(|name| summary.as_ref().map(|summary| stated(summary, name)).transpose())
-            .collect::<Result<_>>()?;
-
-        let title = format!("Posterior of {}", names.join(", "));
-        let mut figure = Figure::new(title, style.width);
-        figure.legend(&legend(&stages, &parameters, !truth.is_empty()));
-
-        let columns = figure.columns(names.len(), 100.0);
-        let row_height = if stages.len() == 1 { 80.0 } else { 46.0 };
-        let most = MOST_DOTS / (stages.len() * names.len());
-        for block in 0..names.len().div_ceil(columns) {
-            let block = block * columns..((block + 1) * columns).min(names.len());
-            let tops: Vec<f64> =
-                (0..=stages.len()).map(|row| figure.y + 9.0 + (row_height + 14.0) * row as f64).collect();
-            let heights: Vec<Axis> = stages.iter().map(|stage| stage.axis(row_height)).collect();
-            let beside = heights.iter().map(|axis| room_beside(axis, row_height)).fold(0.0, f64::max);
-            let bottom = tops[stages.len()] + 62.0;
-            let mut foot = bottom;
-            for (place, j) in block.enumerate() {
-                let (left, right) = figure.shared_cell(place, columns, beside);
-                let values: Vec<Vec<f64>> = stages.iter().map(|stage| column(&stage.weights, j)).collect();
-                let all: Vec<f64> = values.iter().flatten().copied().chain(truth.get(&names[j])).collect();
-                let span = if self.close_up {
-                    let last = &stages[stages.len() - 1].weights;
-                    let span = parameters.close_span(&names[j], &column(last, j), &last.weight);
-                    stated[j].map_or(span, |(_, low, high)| span.with(low).with(high))
-                } else {
-                    parameters.span(&names[j], &all)
-                };
-                let x = Axis::horizontal(span, parameters.label(&names[j]), right - left);
-                for (row, stage) in stages.iter().enumerate() {
-                    let rect = Rect::new(left, tops[row], right, tops[row] + row_height);
-                    let name = format!("weight against {}, {}", names[j], stage.label);
-                    let mut panel = Panel::new(name, rect, x.clone(), heights[row].clone())
-                        .beside(beside)
-                        .without_x_labels();
-                    if stages.len() > 1 {
-                        panel = panel.heading(stage.label.clone());
-                    }
-                    if place > 0 {
-                        panel = panel.without_y_labels();
-                    }
-                    let dot = Dot::among(values[row].len(), stage.color);
-                    let order = lightest_first(&stage.weights.weight);
-                    let dots = order.iter().rev().map(|&i| (values[row][i], stage.weights.weight[i]));
-                    panel.dots("weights", dots, dot, most);
-                    figure.add(panel.finish());
-                }
-                let rect = Rect::new(left, tops[stages.len()], right, bottom);
-                let marginals = Marginals {
-                    name: &names[j],
-                    stages: &stages,
-                    values: &values,
-                    parameters: &parameters,
-                    stated: stated[j],
-                };
-                let mut panel = marginals.panel(rect, x, beside);
-                if place > 0 {
-                    panel = panel.without_y_labels();
-                }
-                if let Some(value) = truth.get(&names[j]) {
-                    let at = panel.at((value, panel.y.span.low));
-                    panel.add("truth", vec![star((at.0, at.1 - 5.0), 5.0, star_paint(color::BLACK))]);
-                }
-                foot = foot.max(panel.foot());
-                figure.add(panel.finish());
+        let columns = self.columns(&stages)?;
+        let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
+        let mut figure = Figure::new(format!("Posterior of {}", names.join(", ")), style.width);
+        figure.legend(&legend(&stages, &columns));
+        let most = MOST_DOTS / (stages.len() * columns.len());
+        let side_by_side = figure.columns(columns.len(), 100.0);
+        for row in columns.chunks(side_by_side) {
+            let layout = layout(&figure, &stages, row, side_by_side);
+            let mut foot = figure.y;
+            for (place, column) in row.iter().enumerate() {
+                let (left, right) = figure.shared_cell(place, layout.columns, layout.beside);
+                foot = foot.max(column.draw(&mut figure, &stages, &layout, (left, right), place > 0, most));
             }
             figure.y = foot + 4.0;
         }
         Ok(figure.finish())
+    }
+
+    fn columns(&self, stages: &[Stage]) -> Result<Vec<Column>> {
+        let parameters = Parameters::read(self.params.as_deref())?;
+        let summary = self.summary.as_deref().map(Summary::read).transpose()?;
+        let last = &stages[stages.len() - 1].weights;
+        let truth = self.truth.clone().unwrap_or_default();
+        let column = |(j, name): (usize, &String)| -> Result<Column> {
+            let values: Vec<Vec<f64>> = stages.iter().map(|stage| column(&stage.weights, j)).collect();
+            let estimate = Estimate::of(summary.as_ref(), name, &column(last, j), &last.weight)?;
+            let truth = truth.get(name);
+            let all: Vec<f64> = values.iter().flatten().copied().chain(truth).collect();
+            let whole = parameters.span(name, &all);
+            let close = parameters.close_span(name, &column(last, j), &last.weight);
+            let close = close.with(estimate.low).with(estimate.high);
+            let close = truth.map_or(close, |truth| close.with(truth));
+            let share = (whole.place(close.high) - whole.place(close.low)).abs();
+            let is_part = !self.whole && (self.close_up || (stages.len() == 1 && share < READABLE));
+            let span = if is_part { close } else { whole };
+            Ok(Column {
+                support: parameters.support(name, span, &values.concat()),
+                label: parameters.label(name),
+                prior: parameters.get(name).cloned(),
+                name: name.clone(),
+                values,
+                estimate,
+                truth,
+                span,
+                is_part,
+            })
+        };
+        last.parameters.iter().enumerate().map(column).collect()
     }
 
     fn stages(&self) -> Result<Vec<Stage>> {
@@ -161,6 +173,8 @@ impl Posterior {
             self.labels.len(),
             sets.len()
         );
+        let truth = self.truth.clone().unwrap_or_default();
+        check_truth(&truth, &sets[0].1.parameters)?;
         let last = sets.len() - 1;
         let mut stages: Vec<Stage> = Vec::new();
         for (i, (label, weights)) in sets.into_iter().enumerate() {
@@ -178,7 +192,9 @@ impl Posterior {
             let label = self.labels.get(i).cloned().unwrap_or(label);
             stages.push(Stage { label, weights, color: color::BLUE.towards(color::WHITE, early) });
         }
-        Ok(stages)
+        let moves = which_move(&stages.iter().map(|stage| &stage.weights).collect::<Vec<_>>());
+        let only = |stage: Stage| Stage { weights: only(stage.weights, &moves), ..stage };
+        Ok(stages.into_iter().map(only).collect())
     }
 }
 
@@ -193,82 +209,135 @@ impl Stage {
     }
 }
 
-/// The marginal of one parameter at every stage.
-struct Marginals<'a> {
-    name: &'a str,
-    stages: &'a [Stage],
-    /// Shape (stages, samples).
-    values: &'a [Vec<f64>],
-    parameters: &'a Parameters,
-    /// Mean and ends of the 90 % interval from the summary.
-    stated: Option<(f64, f64, f64)>,
+/// Where panels go that begin at the foot of the figure.
+fn layout(figure: &Figure, stages: &[Stage], row: &[Column], columns: usize) -> Layout {
+    let row_height = if stages.len() == 1 { 80.0 } else { 46.0 };
+    let heading = if stages.len() == 1 { 0.0 } else { HEADING };
+    let range = if row.iter().any(|column| column.shows_range()) { RANGE } else { 0.0 };
+    let first = figure.y + range + if stages.len() == 1 { 2.0 } else { 9.0 };
+    let mut tops: Vec<f64> = (0..stages.len()).map(|i| first + (row_height + heading) * i as f64).collect();
+    tops.push(first + (row_height + heading) * stages.len() as f64 + HEADING - heading);
+    let beside =
+        stages.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
+    Layout { tops, row_height, beside, columns }
 }
 
-impl Marginals<'_> {
-    fn panel(&self, rect: Rect, x: Axis, beside: f64) -> Panel {
+impl Column {
+    /// Whether the range of the prior is drawn above the panels.
+    fn shows_range(&self) -> bool {
+        self.is_part && self.prior.is_some()
+    }
+
+    /// Draw its panels below each other; where they end.
+    fn draw(
+        &self,
+        figure: &mut Figure,
+        stages: &[Stage],
+        layout: &Layout,
+        (left, right): (f64, f64),
+        is_inner: bool,
+        most: usize,
+    ) -> f64 {
+        let x = Axis::horizontal(self.span, self.label.clone(), right - left);
+        if let Some(prior) = self.prior.as_ref().filter(|_| self.shows_range()) {
+            figure.add(range(prior, self.span, (left, right), layout.tops[0] - 6.5));
+        }
+        for (i, stage) in stages.iter().enumerate() {
+            let rect = Rect::new(left, layout.tops[i], right, layout.tops[i] + layout.row_height);
+            let name = format!("weight against {}, {}", self.name, stage.label);
+            let mut panel = Panel::new(name, rect, x.clone(), stage.axis(layout.row_height))
+                .beside(layout.beside)
+                .without_x_labels();
+            if stages.len() > 1 {
+                panel = panel.heading(stage.label.clone());
+            }
+            if is_inner {
+                panel = panel.without_y_labels();
+            }
+            let dot = Dot::among(self.values[i].len(), stage.color);
+            let order = lightest_first(&stage.weights.weight);
+            let dots = order.iter().rev().map(|&run| (self.values[i][run], stage.weights.weight[run]));
+            panel.dots("weights", dots, dot, most);
+            figure.add(panel.finish());
+        }
+        let top = layout.tops[stages.len()];
+        let rect = Rect::new(left, top, right, top + MARGINAL);
+        let panel = self.marginal(stages, rect, x, layout.beside);
+        let panel = if is_inner { panel.without_y_labels() } else { panel };
+        let foot = panel.foot();
+        figure.add(panel.finish());
+        foot
+    }
+
+    /// The marginal at every stage.
+    fn marginal(&self, stages: &[Stage], rect: Rect, x: Axis, beside: f64) -> Panel {
         // Kernels do not leak through the bounds.
-        let support = self.parameters.support(self.name, x.span, &self.values.concat());
-        let densities: Vec<Vec<f64>> = self
-            .stages
-            .iter()
-            .zip(self.values)
-            .map(|(stage, values)| {
-                let (places, weights) = within(support, values, &stage.weights.weight);
-                marginal(&places, &weights, CELLS)
-            })
-            .collect();
+        let support = self.support;
+        let density = |(stage, values): (&Stage, &Vec<f64>)| {
+            let (places, weights) = within(support, values, &stage.weights.weight);
+            marginal(&places, &weights, CELLS)
+        };
+        let densities: Vec<Vec<f64>> = stages.iter().zip(&self.values).map(density).collect();
         let at: Vec<f64> = (0..CELLS).map(|i| support.value((i as f64 + 0.5) / CELLS as f64)).collect();
         let highest = densities.iter().flatten().copied().fold(0.0, f64::max);
         let y = Axis::bare(Span { low: 0.0, high: 1.1 * highest, log: false }, Label::new("density"));
         let name = format!("marginal of {}", self.name);
-        let mut panel = Panel::new(name, rect, x, y).beside(beside).among_neighbours();
+        let heading = self.estimate.heading(rect.width() + 7.0);
+        let mut panel = Panel::new(name, rect, x, y).beside(beside).among_neighbours().heading(heading);
 
-        if let (Some(stage), Some(values), Some(density)) =
-            (self.stages.last(), self.values.last(), densities.last())
-        {
-            let (centre, low, high) = match self.stated {
-                Some(stated) => stated,
-                None => {
-                    let quantiles = Quantiles::new(values, &stage.weights.weight);
-                    (mean(values, &stage.weights.weight), quantiles.at(0.05), quantiles.at(0.95))
+        if let Some(prior) = &self.prior {
+            // A density per unit of the axis, on which the range of the prior takes up only a part.
+            let share = support.place(prior.upper) - support.place(prior.lower);
+            let x: Vec<f64> =
+                at.iter().copied().filter(|x| (prior.lower..=prior.upper).contains(x)).collect();
+            let heights: Vec<f64> =
+                x.iter().map(|&x| prior.ln_density(prior.coordinate(x)).exp() / share).collect();
+            panel.band("area of the prior", &x, &vec![0.0; x.len()], &heights, prior_area());
+            panel.line("prior", x.iter().copied().zip(heights), prior_paint());
+            for (title, bound) in [("lower bound", prior.lower), ("upper bound", prior.upper)] {
+                if (self.span.low..=self.span.high).contains(&bound) {
+                    panel.vertical(title, bound, bound_paint());
                 }
-            };
-            let inside: Vec<usize> = (0..CELLS).filter(|&i| (low..=high).contains(&at[i])).collect();
+            }
+        }
+        if let Some(density) = densities.last() {
+            let inside = |&i: &usize| (self.estimate.low..=self.estimate.high).contains(&at[i]);
+            let inside: Vec<usize> = (0..CELLS).filter(inside).collect();
             let x: Vec<f64> = inside.iter().map(|&i| at[i]).collect();
             let top: Vec<f64> = inside.iter().map(|&i| density[i]).collect();
             panel.band("90 % interval", &x, &vec![0.0; x.len()], &top, interval_paint());
-            panel.vertical("mean", centre, mean_paint());
+            panel.vertical("mean", self.estimate.mean, mean_paint());
         }
-        for (stage, density) in self.stages.iter().zip(&densities) {
+        for (stage, density) in stages.iter().zip(&densities) {
             let points = at.iter().copied().zip(density.iter().copied());
             panel.line(&format!("density, {}", stage.label), points, Paint::line(stage.color, 1.2));
         }
-        if let Some(parameter) = self.parameters.get(self.name) {
-            // A density per unit of the axis, on which the range of the prior takes up only a part.
-            let share = support.place(parameter.upper) - support.place(parameter.lower);
-            let prior: Vec<(f64, f64)> = at
-                .iter()
-                .filter(|x| (parameter.lower..=parameter.upper).contains(x))
-                .map(|&x| (x, parameter.ln_density(parameter.coordinate(x)).exp() / share))
-                .collect();
-            panel.line("prior", prior, prior_paint());
-            panel.vertical("lower bound", parameter.lower, bound_paint());
-            panel.vertical("upper bound", parameter.upper, bound_paint());
+        if let Some(value) = self.truth {
+            let at = panel.at((value, panel.y.span.low));
+            panel.add("truth", vec![star((at.0, at.1 - 5.0), 5.0, star_paint(color::BLACK))]);
         }
         panel
     }
 }
 
-/// Mean and ends of the 90 % interval of a parameter.
-fn stated(summary: &Summary, name: &str) -> Result<(f64, f64, f64)> {
-    let number = |kind: &str| {
-        let quantity = format!("{kind}({name})");
-        summary.quantity(&quantity).with_context(|| format!("--summary: no quantity {quantity}"))
-    };
-    Ok((number("mean")?, number("q05")?, number("q95")?))
+/// The range of the prior from end to end, and the part of it that the panels below show.
+fn range(prior: &Parameter, shown: Span, (left, right): (f64, f64), y: f64) -> Item {
+    let whole = Span::of_bounds(prior);
+    let [low, high] = [prior.lower, prior.upper].map(number::short);
+    let baseline = y + 0.36 * SMALL;
+    let (x0, x1) = (left + font::width(&low, SMALL) + 3.0, right - font::width(&high, SMALL) - 3.0);
+    let at = |value: f64| x0 + (x1 - x0) * whole.place(value).clamp(0.0, 1.0);
+    let (from, to) = (at(shown.low), at(shown.high).max(at(shown.low) + 1.5));
+    let items = vec![
+        text((left, baseline), low, SMALL, Anchor::Start),
+        text((right, baseline), high, SMALL, Anchor::End),
+        line(vec![(x0, y), (x1, y)], range_paint()),
+        line(vec![(from, y), (to, y)], Paint::line(color::BLUE, 3.5)),
+    ];
+    Item::Group { class: "range", title: format!("range of the prior of {}", prior.name), clip: None, items }
 }
 
-fn legend(stages: &[Stage], parameters: &Parameters, truth: bool) -> Vec<(Key, String)> {
+fn legend(stages: &[Stage], columns: &[Column]) -> Vec<(Key, String)> {
     let mut legend = Vec::new();
     if let [stage] = stages {
         legend.push((Key::Dot(Dot::among(1, stage.color)), "weight of a run".to_owned()));
@@ -279,11 +348,19 @@ fn legend(stages: &[Stage], parameters: &Parameters, truth: bool) -> Vec<(Key, S
     }
     legend.push((Key::Area(interval_paint()), "90 % interval".to_owned()));
     legend.push((Key::Line(mean_paint()), "mean".to_owned()));
-    if parameters.known() {
+    if columns.iter().any(|column| column.prior.is_some()) {
         legend.push((Key::Line(prior_paint()), "prior".to_owned()));
+    }
+    if columns.iter().any(Column::shows_range) {
+        legend.push((
+            Key::Line(Paint::line(color::BLUE, 3.5)),
+            "the part of its range that is shown".to_owned(),
+        ));
+    }
+    if columns.iter().any(|column| column.prior.is_some() && !column.is_part) {
         legend.push((Key::Line(bound_paint()), "bounds".to_owned()));
     }
-    if truth {
+    if columns.iter().any(|column| column.truth.is_some()) {
         legend.push((Key::Star(color::BLACK), "truth".to_owned()));
     }
     legend
@@ -298,7 +375,15 @@ fn mean_paint() -> Paint {
 }
 
 fn prior_paint() -> Paint {
-    Paint::line(color::GREY, 1.0).dashed(4.0, 2.0)
+    Paint::line(color::GREY, 0.8).opacity(0.8)
+}
+
+fn prior_area() -> Paint {
+    Paint::area(color::GREY).opacity(0.15)
+}
+
+fn range_paint() -> Paint {
+    Paint::line(color::GREY, 0.8)
 }
 
 fn bound_paint() -> Paint {

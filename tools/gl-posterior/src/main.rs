@@ -101,7 +101,8 @@ const EXAMPLE: &str = "Example:
     ensemble.txt -o draws.txt";
 
 fn run(args: &Args) -> Result<()> {
-    let outputs = [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
+    let outputs =
+        [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
     gl_cli::distinct(outputs.map(Option::as_ref))?;
     let prior = Prior::read(&args.params)?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;

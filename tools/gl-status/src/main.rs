@@ -39,7 +39,11 @@ Example:
 fn run(args: &Args) -> Result<bool> {
     let out = &args.out;
     let stages = if out.is_dir() { stages(out)? } else { Vec::new() };
-    ensure!(!stages.is_empty(), "{}: no calibration there; gl-calibrate or gl-submit make one", out.display());
+    ensure!(
+        !stages.is_empty(),
+        "{}: no calibration there; gl-calibrate or gl-submit make one",
+        out.display()
+    );
     let mut said = String::new();
     for stage in &stages {
         said.push_str(&text::finished_stage(out, stage)?);
@@ -50,7 +54,8 @@ fn run(args: &Args) -> Result<bool> {
     let Some(record) = Record::read(out)? else {
         said.push_str(&text::runs(out, &stages, None)?);
         let holder = OutLock::holder(out);
-        let is_driven = holder.is_some() || stages.iter().any(|stage| RunFolder::is_held(&stage.join("runs")));
+        let is_driven =
+            holder.is_some() || stages.iter().any(|stage| RunFolder::is_held(&stage.join("runs")));
         said.push_str(&match holder {
             Some(holder) => format!("{holder} works here\n"),
             None if is_driven => String::new(),

@@ -42,7 +42,8 @@ pub fn is_finished(out: &Path, stages: &[PathBuf]) -> bool {
     let Some(last) = stages.last().filter(|last| is_complete(last)) else { return false };
     let time = |path: PathBuf| fs::metadata(path).and_then(|found| found.modified()).ok();
     if out.join("base").is_dir() {
-        return time(out.join("report.md")).is_some_and(|report| Some(report) >= time(last.join("samples.txt")));
+        return time(out.join("shrink.txt"))
+            .is_some_and(|shrink| Some(shrink) >= time(last.join("samples.txt")));
     }
     let read = |folder: &Path| fs::read(folder.join("posterior.txt")).ok();
     read(out).is_some() && read(out) == read(last)
@@ -72,8 +73,13 @@ pub fn runs(out: &Path, stages: &[PathBuf], queue: Option<&[Job]>) -> Result<Str
     line.push('\n');
     if io::stdout().is_terminal() {
         let ended = runs.done + runs.failed;
-        let full = if runs.rows == 0 { 0 } else { ended * WIDTH / runs.rows };
-        line.push_str(&format!("[{}{}] {ended} of {}\n", "#".repeat(full), ".".repeat(WIDTH - full), runs.rows));
+        let full = (ended * WIDTH).checked_div(runs.rows).unwrap_or(0);
+        line.push_str(&format!(
+            "[{}{}] {ended} of {}\n",
+            "#".repeat(full),
+            ".".repeat(WIDTH - full),
+            runs.rows
+        ));
     }
     for job in queue.unwrap_or_default().iter().filter(|job| !is_running(job)) {
         line.push_str(&format!("runs, job {}\n", job.to_string().to_lowercase()));
@@ -93,7 +99,9 @@ pub fn controlling_job(out: &Path, job: Option<&Job>) -> String {
     let lines: Vec<&str> = text.lines().collect();
     if !lines.is_empty() {
         said.push_str(&format!("{} ends with:\n", log.display()));
-        lines[lines.len().saturating_sub(LINES)..].iter().for_each(|line| said.push_str(&format!("    {line}\n")));
+        lines[lines.len().saturating_sub(LINES)..]
+            .iter()
+            .for_each(|line| said.push_str(&format!("    {line}\n")));
     }
     said
 }

@@ -97,7 +97,12 @@ fn submit(record: &Record, out: &Path, scheduler: &dyn Scheduler, is_control: bo
         return Ok(());
     }
     // Whoever has left this job behind may still be about to end.
-    let lock = OutLock::take_within(out, "gl-submit", if is_control { Patience::LOCK } else { Duration::ZERO }, &say)?;
+    let lock = OutLock::take_within(
+        out,
+        "gl-submit",
+        if is_control { Patience::LOCK } else { Duration::ZERO },
+        &say,
+    )?;
     let control = Control::of(out, scheduler)?;
     if !is_control {
         forgive(out)?;

@@ -11,7 +11,7 @@ use gl_inference::weights::Weights;
 
 use super::iteration::Setting;
 use crate::columns::{comparison, varied_in};
-use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder};
+use crate::step::{Call, Messages, Wanted, is_current, join, make_folder, write};
 use crate::words::known;
 
 /// Rounds at the most; each is drawn where the rounds before say.
@@ -36,10 +36,10 @@ pub(crate) fn weights(setting: &Setting<'_>, last: usize) -> Result<PathBuf> {
     let emulation = Emulation { setting, here: &here, part: &part, log: &log, last };
     let (chosen, why) = emulation.run()?;
     note(&log, &why)?;
-    // As new as the emulation, even if it says the same as before.
-    remove_file(&target)?;
-    copy(&chosen, &target)?;
+    let weights = fs::read(&chosen).with_context(|| format!("{}: cannot be read", chosen.display()))?;
+    // The weights come last, so that nothing is left behind them.
     remove(&part)?;
+    write(&target, &weights)?;
     Ok(target)
 }
 

@@ -94,9 +94,8 @@ impl Choice<'_> {
     /// The point that lies furthest from all runs and from those chosen.
     fn furthest(&self, points: &[Vec<f64>], chosen: &[Vec<f64>]) -> Vec<f64> {
         let room = |point: &Vec<f64>| {
-            let distance = |other: &Vec<f64>| -> f64 {
-                point.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum()
-            };
+            let distance =
+                |other: &Vec<f64>| -> f64 { point.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum() };
             self.runs.iter().chain(chosen).map(distance).fold(f64::INFINITY, f64::min)
         };
         let mut best = (f64::NEG_INFINITY, &points[0]);

@@ -105,7 +105,8 @@ impl LocalMixture {
 
     fn nearest(&self, x: &[f64]) -> usize {
         let at: Vec<f64> = (0..x.len()).map(|i| dot(&self.metric.row(i)[..=i], &x[..=i])).collect();
-        let distance = |centre: &[f64]| -> f64 { centre.iter().zip(&at).map(|(a, b)| (a - b) * (a - b)).sum() };
+        let distance =
+            |centre: &[f64]| -> f64 { centre.iter().zip(&at).map(|(a, b)| (a - b) * (a - b)).sum() };
         let mut best = (f64::INFINITY, 0);
         for (place, centre) in self.measured.iter().enumerate() {
             let distance = distance(centre);
@@ -130,8 +131,7 @@ impl Centre {
     /// Up to (2π)^(−d/2).
     fn scaled_ln_density(&self, from: &[f64], to: &[f64], scale: f64) -> f64 {
         let away: Vec<f64> = to.iter().zip(from).map(|(to, from)| (to - from) / scale).collect();
-        let square: f64 =
-            (0..away.len()).map(|i| dot(&self.inverse.row(i)[..=i], &away[..=i]).powi(2)).sum();
+        let square: f64 = (0..away.len()).map(|i| dot(&self.inverse.row(i)[..=i], &away[..=i]).powi(2)).sum();
         self.ln_norm - away.len() as f64 * scale.ln() - 0.5 * square
     }
 }

@@ -21,9 +21,8 @@ const UNLIKELY: f64 = 0.005;
 /// * `likelihood` — with a coordinate for each observable's correlation.
 /// * `points` — points of its space, with correlations of 0.
 pub fn correlated(likelihood: &Likelihood<'_>, points: &[Vec<f64>], measured: &Measured) -> Vec<bool> {
-    let highest = |points: &[Vec<f64>]| {
-        points.iter().map(|x| likelihood.fit(x).ln).fold(f64::NEG_INFINITY, f64::max)
-    };
+    let highest =
+        |points: &[Vec<f64>]| points.iter().map(|x| likelihood.fit(x).ln).fold(f64::NEG_INFINITY, f64::max);
     let threshold = if measured.is_known { KNOWN } else { ESTIMATED };
     let without = highest(points);
     let of = |j: usize| {

@@ -76,8 +76,7 @@ fn surprise(
     let (outputs, k) = emulator.basis().shape();
     let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
     let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
-    let residual =
-        DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
+    let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);
     let nugget = emulator.nugget();
     let total: Vec<f64> =

@@ -287,9 +287,8 @@ mod tests {
     #[test]
     fn a_narrow_normal_has_its_moments_and_its_evidence() {
         let sd = |j: usize| 0.01 * (j + 1) as f64;
-        let population = draws(8, |x| {
-            -0.5 * x.iter().enumerate().map(|(j, x)| ((x - 0.5) / sd(j)).powi(2)).sum::<f64>()
-        });
+        let population =
+            draws(8, |x| -0.5 * x.iter().enumerate().map(|(j, x)| ((x - 0.5) / sd(j)).powi(2)).sum::<f64>());
         for j in 0..8 {
             let (mean, spread) = moments(&population, |x| x[j]);
             assert!((mean - 0.5).abs() < 0.15 * sd(j), "{j}: {mean}");
@@ -317,7 +316,8 @@ mod tests {
     #[test]
     fn modes_keep_their_shares() {
         let mode = |x: &[f64], at: f64| -0.5 * x.iter().map(|x| ((x - at) / 0.02).powi(2)).sum::<f64>();
-        let population = draws(3, |x| ln_sum_exp(&[mode(x, 0.25) + 0.8_f64.ln(), mode(x, 0.75) + 0.2_f64.ln()]));
+        let population =
+            draws(3, |x| ln_sum_exp(&[mode(x, 0.25) + 0.8_f64.ln(), mode(x, 0.75) + 0.2_f64.ln()]));
         let (share, _) = moments(&population, |x| f64::from(u8::from(x[0] > 0.5)));
         assert!((share - 0.2).abs() < 0.06, "{share}");
     }

@@ -94,7 +94,11 @@ impl Space {
     pub fn quantile(&self, u: &[f64]) -> Vec<f64> {
         let draw = |(&j, &u): (&usize, &f64)| {
             let parameter = &self.prior.parameters()[j];
-            if parameter.normal.is_none() { u } else { parameter.coordinate(parameter.quantile(u)).clamp(0.0, 1.0) }
+            if parameter.normal.is_none() {
+                u
+            } else {
+                parameter.coordinate(parameter.quantile(u)).clamp(0.0, 1.0)
+            }
         };
         self.varied.iter().zip(u).map(draw).collect()
     }

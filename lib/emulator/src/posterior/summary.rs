@@ -69,7 +69,8 @@ impl Inference {
                     return 0.0;
                 }
                 // The draws' misfits hold what the emulator does not know; no run may gain by that.
-                let excess = (self.runs[run].misfit / heat - fitted[run] / count[run] - readings.sqrt()).max(0.0);
+                let excess =
+                    (self.runs[run].misfit / heat - fitted[run] / count[run] - readings.sqrt()).max(0.0);
                 count[run] * (-0.5 * excess).exp()
             })
             .collect();
@@ -130,7 +131,8 @@ impl Inference {
             let (centre, spread) = (mean(&column, &even), if is_varied { sd(&column, &even) } else { 0.0 });
             let cv = if spread == 0.0 { 0.0 } else { spread / centre };
             let quantiles = Quantiles::new(&column, &even);
-            let lean = if is_varied { leaning(centre, spread, (parameter.lower, parameter.upper)) } else { 0 };
+            let lean =
+                if is_varied { leaning(centre, spread, (parameter.lower, parameter.upper)) } else { 0 };
             summary.parameters.push(ParameterSummary {
                 name,
                 mean: Some(centre),
@@ -288,7 +290,11 @@ impl Inference {
             let lean = leaning(mean(&column, &even), sd(&column, &even), (parameter.lower, parameter.upper));
             if lean != 0 {
                 let side = if lean < 0 { "lower" } else { "upper" };
-                verdicts.add("leans", name, format!("{name} leans on its {side} bound; the truth may lie outside"));
+                verdicts.add(
+                    "leans",
+                    name,
+                    format!("{name} leans on its {side} bound; the truth may lie outside"),
+                );
             }
         }
         verdicts

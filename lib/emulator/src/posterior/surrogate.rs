@@ -125,7 +125,9 @@ impl<'a> Ranked<'a> {
 
     /// Name and readings of each run, shape (observables · steps), from the best.
     pub fn curves(&self) -> impl Iterator<Item = (&str, Vec<f64>)> {
-        self.order.iter().map(|&run| (self.ensemble.samples[run].as_str(), self.ensemble.curves(run).concat()))
+        self.order
+            .iter()
+            .map(|&run| (self.ensemble.samples[run].as_str(), self.ensemble.curves(run).concat()))
     }
 
     /// Where the runs stand, from the best.
@@ -169,7 +171,12 @@ impl<'a> Ranked<'a> {
     /// # Errors
     /// See [`Emulator::fit`].
     pub fn first_look(&self, measured: &Measured, seed: u64) -> Result<Surrogate> {
-        self.train(Recipe { kernel: Kernel::Matern, is_local: false }, (MOST_FIRST * 3 / 4, MOST_FIRST / 4), measured, seed)
+        self.train(
+            Recipe { kernel: Kernel::Matern, is_local: false },
+            (MOST_FIRST * 3 / 4, MOST_FIRST / 4),
+            measured,
+            seed,
+        )
     }
 
     /// The emulator that predicts the runs near the posterior best, each left out in turn: of smooth or
@@ -229,7 +236,8 @@ impl<'a> Ranked<'a> {
         seed: u64,
     ) -> Result<Surrogate> {
         let runs = self.some(best, others);
-        let noise = measured.is_known.then(|| measured.base.chunks(measured.steps).map(<[f64]>::to_vec).collect());
+        let noise =
+            measured.is_known.then(|| measured.base.chunks(measured.steps).map(<[f64]>::to_vec).collect());
         let leftover =
             if measured.is_known { LEFTOVER / measured.values.len() as f64 } else { LEFTOVER_SHARE };
         let options = Options {

@@ -6,191 +6,324 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::attribute::adequacy::{INADEQUATE, predictive_probability};
+use crate::attribute::closure::closes;
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
 use crate::attribute::mode::{Mode, find};
 use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
+use crate::attribute::visible::visible;
 use gl_numeric::statistics::ln_sum_exp;
 use gl_progress::stage;
+
+/// What stands for something that is no candidate, alone or behind the effects that are in beside it.
+pub const UNEXPLAINED: &str = "unexplained";
 
 /// One hypothesis after the measurement.
 #[derive(Clone, Debug)]
 pub struct Explanation {
     /// The candidates that are in.
     pub hypothesis: Hypothesis,
-    /// `none`, or the names of the effects joined by `+`.
+    /// Whether something is at work, too, which is no candidate: a rest.
+    pub has_rest: bool,
+    /// `none`, or the names of the effects joined by `+`; with a rest `unexplained` comes last.
     pub name: String,
-    /// Probability given the measurement; what does not fit has none.
+    /// Probability given the measurement.
     pub probability: f64,
-    /// Whether it is out of the question, so that its evidence is coarse.
-    pub is_hopeless: bool,
+    /// Natural logarithm of the probability before what does not fit, or closes little, was ruled out.
+    pub ln_weight: f64,
+    /// Why it has no probability, if so.
+    pub ruled_out: Option<RuledOut>,
+    /// Whether it is so far behind that its evidence is coarse.
+    pub is_behind: bool,
     /// Its evidence and posterior.
     pub evidence: Evidence,
-    /// Evidence with a further smooth discrepancy, where it was worth a look.
-    pub with_discrepancy: Option<f64>,
+    /// Readings that are far off under it, ascending.
+    pub outliers: Vec<usize>,
+    /// What its effects add to the curve, shape (observables · steps).
+    pub added: Vec<f64>,
     /// Predictive probability of a measurement as odd as this one, where it was worth a look.
     pub fits: Option<f64>,
+    /// Share of the base model's gap that its effects close by themselves.
+    pub closes: f64,
+}
+
+/// Why a hypothesis has no probability.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RuledOut {
+    /// It does not fit; what it was worth beforehand goes to the same effects with a rest.
+    Misfit,
+    /// Its effects close too little of the gap to be its cause; that goes to `unexplained`.
+    ClosesLittle,
+    /// Nothing that an effect of it can do would be seen.
+    Invisible,
+}
+
+impl RuledOut {
+    /// In a word, for a table.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Misfit => "misfit",
+            Self::ClosesLittle => "closes-little",
+            Self::Invisible => "invisible",
+        }
+    }
+}
+
+impl Explanation {
+    /// Its model.
+    pub fn model<'a>(&self, problem: &'a Problem<'a>) -> Model<'a> {
+        let mut model = Model::new(problem, &self.hypothesis, self.has_rest);
+        model.set_form(&self.added, &self.outliers);
+        model
+    }
+
+    /// Its most probable parameters.
+    pub fn best(&self) -> &[f64] {
+        self.evidence.modes[0].w.as_slice()
+    }
+
+    /// Whether it names effects as the cause.
+    pub fn is_cause(&self) -> bool {
+        !self.hypothesis.is_empty()
+    }
 }
 
 /// Every hypothesis after the measurement.
 #[derive(Clone, Debug)]
 pub struct Attribution {
-    /// All hypotheses, most probable first.
+    /// All hypotheses, the most probable cause first, with a rest and without next to each other.
     pub explanations: Vec<Explanation>,
-    /// Probability that something is at work which is no candidate.
-    pub unexplained: f64,
-    /// ln evidence of that: over all hypotheses that a smooth discrepancy was added to, by their
-    /// prior odds.
-    pub ln_unexplained: f64,
-    /// The most probable hypothesis before it was asked whether it fits, and whether something
-    /// further is at work.
+    /// The most probable hypothesis with an effect, whether it fits or not; `none` if there is none.
     pub nearest: String,
 }
 
 /// Prior odds that something further is at work which is no candidate: as likely as not.
-const UNEXPLAINED_ODDS: f64 = 1.0;
+const REST_ODDS: f64 = 1.0;
 
-/// Hypotheses within this of the most probable one (natural logarithm) are looked at more closely.
+/// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
 const CLOSE: f64 = 5.0;
-const MOST_CLOSE: usize = 4;
 
 /// Hypotheses further below the most probable one (natural logarithm, to second order about their
 /// modes) are out of the question, and their evidence is estimated coarsely.
-const HOPELESS: f64 = 15.0;
+const BEHIND: f64 = 10.0;
 
-/// Weigh every set of up to `largest` candidates against the measurement.
+/// Shares of the gap that an effect closes by itself below which it is not its cause where something else is at
+/// work, too, and from which it is; in between in proportion.
+const CLOSES: (f64, f64) = (0.5, 0.8);
+
+/// The same of several effects together, which imitate more.
+const CLOSE_TOGETHER: (f64, f64) = (0.7, 0.95);
+
+/// A hypothesis with what a search found.
+struct Found<'a> {
+    place: usize,
+    model: Model<'a>,
+    modes: Vec<Mode>,
+}
+
+/// Weigh every set of up to `largest` candidates against the measurement, alone and with a rest.
 ///
 /// # Errors
 /// If no hypothesis can be evaluated.
 pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Attribution> {
-    let count = problem.candidates.len();
-    let sets = hypotheses(count, largest);
+    let visible = visible(problem, seed)?;
+    let is_visible = |set: &Hypothesis| set.iter().all(|&candidate| visible[candidate]);
+    let count = visible.iter().filter(|visible| **visible).count();
+    let mut sets = hypotheses(problem.candidates.len(), largest);
+    sets.retain(|set| set.len() < 2 || is_visible(set));
     let random = |place: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(place as u64);
         random
     };
-    let fitting = stage("fitting hypotheses", sets.len());
-    let mut modes: Vec<Vec<Mode>> = Vec::with_capacity(sets.len());
-    for size in 0..=largest.min(count) {
-        let more: Vec<Vec<Mode>> = sets
-            .par_iter()
-            .enumerate()
-            .filter(|(_, set)| set.len() == size)
-            .map(|(place, set)| {
-                let model = Model::new(problem, set, false);
-                let smaller = sets
-                    .iter()
-                    .zip(&modes)
-                    .filter(|(other, _)| other.len() + 1 == size && is_part(other, set));
-                let starts: Vec<Vec<f64>> = smaller
-                    .filter_map(|(other, modes)| {
-                        let theirs = Model::new(problem, other, false);
-                        Some(model.start_from(&theirs, modes.first()?.w.as_slice()))
-                    })
-                    .collect();
-                find(&model, &starts, &mut random(place))
-            })
-            .inspect(|_| fitting.advance())
-            .collect();
-        modes.extend(more);
-    }
-    drop(fitting);
-    let rough: Vec<f64> = modes
+    let plain = search(problem, &sets, None, &random);
+    let with_rest = search(problem, &sets, Some(&plain), &|place| random(sets.len() + place));
+    let found: Vec<Found<'_>> = plain.into_iter().chain(with_rest).collect();
+    let ln_odds = |found: &Found<'_>| {
+        let set = &sets[found.place];
+        let rest = if found.model.has_rest() { REST_ODDS.ln() } else { 0.0 };
+        if is_visible(set) { ln_prior_odds(set, count) + rest } else { f64::NEG_INFINITY }
+    };
+    let rough: Vec<f64> = found
         .iter()
-        .zip(&sets)
-        .map(|(modes, set)| {
-            let parts: Vec<f64> = modes.iter().map(Mode::ln_evidence).collect();
-            ln_sum_exp(&parts) + ln_prior_odds(set, count)
+        .map(|found| {
+            let parts: Vec<f64> = found.modes.iter().map(Mode::ln_evidence).collect();
+            ln_sum_exp(&parts) + ln_odds(found)
         })
         .collect();
     let highest = rough.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let weighing = stage("weighing hypotheses", sets.len());
-    let found: Vec<Evidence> = modes
+    let weighing = stage("weighing hypotheses", found.len());
+    let mut explanations: Vec<Explanation> = found
         .into_par_iter()
         .enumerate()
-        .map(|(place, modes)| {
-            let aim = if highest - rough[place] < HOPELESS { FINE } else { COARSE };
-            let model = Model::new(problem, &sets[place], false);
-            evidence(&model, modes, aim, &mut random(sets.len() + place))
+        .map(|(place, found)| {
+            let is_behind = highest - rough[place] >= BEHIND;
+            let aim = if is_behind { COARSE } else { FINE };
+            let set = sets[found.place].clone();
+            let ln_odds = ln_odds(&found);
+            let Found { model, modes, .. } = found;
+            let evidence = evidence(&model, modes, aim, &mut random(2 * sets.len() + place))?;
+            Ok(Explanation {
+                name: full_name(problem, &set, model.has_rest()),
+                has_rest: model.has_rest(),
+                probability: 0.0,
+                ln_weight: evidence.ln + ln_odds,
+                ruled_out: (!is_visible(&set)).then_some(RuledOut::Invisible),
+                is_behind,
+                outliers: model.outliers().to_vec(),
+                added: model.added(evidence.modes[0].w.as_slice()),
+                evidence,
+                fits: None,
+                closes: 0.0,
+                hypothesis: set,
+            })
         })
         .inspect(|_| weighing.advance())
         .collect::<Result<_>>()?;
     drop(weighing);
-    let weight = |place: usize, found: &[Evidence]| found[place].ln + ln_prior_odds(&sets[place], count);
-    let mut order: Vec<usize> = (0..sets.len()).collect();
-    order.sort_by(|&a, &b| weight(b, &found).total_cmp(&weight(a, &found)));
-    let nearest = order[0];
-    let high = weight(nearest, &found);
-    let mut close: Vec<usize> = order
-        .iter()
-        .copied()
-        .filter(|&place| high - weight(place, &found) < CLOSE)
-        .take(MOST_CLOSE)
-        .collect();
-    if !close.contains(&0) {
-        close.push(0);
+    let whole = ln_sum_exp(&explanations.iter().map(|of| of.ln_weight).collect::<Vec<_>>());
+    for of in &mut explanations {
+        of.ln_weight -= whole;
+        of.probability = of.ln_weight.exp();
     }
-    // Fit, and evidence with something further at work.
-    let looking = stage("looking for something else", close.len());
-    let looked: Vec<(usize, f64, f64)> = close
-        .into_par_iter()
-        .map(|place| {
-            let model = Model::new(problem, &sets[place], false);
-            let wider = Model::new(problem, &sets[place], true);
-            let modes = &found[place].modes;
-            let fits = predictive_probability(&model, &modes[0], seed)?;
-            let starts: Vec<Vec<f64>> =
-                modes.iter().map(|mode| wider.start_from(&model, mode.w.as_slice())).collect();
-            let mut random = random(2 * sets.len() + place);
-            let modes = find(&wider, &starts, &mut random);
-            Ok((place, fits, evidence(&wider, modes, FINE, &mut random)?.ln))
+    look_closer(problem, &mut explanations, seed)?;
+    let nearest = explanations
+        .iter()
+        .filter(|of| of.is_cause())
+        .max_by(|a, b| a.probability.total_cmp(&b.probability))
+        .map_or_else(|| "none".to_owned(), |of| name(&of.hypothesis, &problem.candidates));
+    rule_out(&mut explanations);
+    sort(&mut explanations);
+    Ok(Attribution { explanations, nearest })
+}
+
+/// The most probable cause first: the same effects with a rest and without are one cause, and stand together.
+fn sort(explanations: &mut [Explanation]) {
+    let causes: Vec<(Hypothesis, bool, f64)> = explanations
+        .iter()
+        .map(|of| (of.hypothesis.clone(), of.has_rest && !of.is_cause(), of.probability))
+        .collect();
+    let of_cause = |of: &Explanation| -> f64 {
+        let own = causes.iter().filter(|(set, is_unknown, _)| {
+            *set == of.hypothesis && *is_unknown == (of.has_rest && !of.is_cause())
+        });
+        own.map(|(_, _, probability)| probability).sum()
+    };
+    let key = |of: &Explanation| (of_cause(of), of.probability, of.evidence.ln);
+    explanations.sort_by(|a, b| {
+        let (a_key, b_key) = (key(a), key(b));
+        let by_cause = b_key.0.total_cmp(&a_key.0).then(a.hypothesis.cmp(&b.hypothesis));
+        by_cause.then(b_key.1.total_cmp(&a_key.1)).then(b_key.2.total_cmp(&a_key.2))
+    });
+}
+
+/// `none`, the names of the effects, `unexplained`, or effects and `unexplained`.
+fn full_name(problem: &Problem<'_>, set: &[usize], has_rest: bool) -> String {
+    match (set, has_rest) {
+        ([], true) => UNEXPLAINED.to_owned(),
+        (set, true) => format!("{}+{UNEXPLAINED}", name(set, &problem.candidates)),
+        (set, false) => name(set, &problem.candidates),
+    }
+}
+
+/// The modes of every set, smaller ones first, so that larger ones start from them; with a rest, which is where
+/// `plain` is given, from those of the same set without one, too.
+fn search<'a>(
+    problem: &'a Problem<'a>,
+    sets: &[Hypothesis],
+    plain: Option<&[Found<'a>]>,
+    random: &(impl Fn(usize) -> ChaCha8Rng + Sync),
+) -> Vec<Found<'a>> {
+    let fitting = stage("fitting hypotheses", sets.len());
+    let mut all: Vec<Found<'a>> = Vec::with_capacity(sets.len());
+    let largest = sets.iter().map(Vec::len).max().unwrap_or(0);
+    for size in 0..=largest {
+        let more: Vec<Found<'a>> = (0..sets.len())
+            .into_par_iter()
+            .filter(|&place| sets[place].len() == size)
+            .map(|place| {
+                let mut model = Model::new(problem, &sets[place], plain.is_some());
+                let own = plain.into_iter().map(|plain| &plain[place]);
+                let mut smaller: Vec<&Found<'a>> = all
+                    .iter()
+                    .filter(|found| {
+                        sets[found.place].len() + 1 == size && is_part(&sets[found.place], &sets[place])
+                    })
+                    .collect();
+                if plain.is_some() {
+                    // The modes without the rest are near already; of the others the best will do.
+                    let height = |found: &Found<'_>| found.modes.first().map_or(f64::MIN, |m| m.ln_posterior);
+                    smaller.sort_by(|a, b| height(b).total_cmp(&height(a)));
+                    smaller.truncate(1);
+                }
+                let starts: Vec<Vec<f64>> = own
+                    .chain(smaller)
+                    .filter_map(|found| {
+                        Some(model.start_from(&found.model, found.modes.first()?.w.as_slice()))
+                    })
+                    .collect();
+                let modes = find(&mut model, &starts, &mut random(place));
+                Found { place, model, modes }
+            })
+            .inspect(|_| fitting.advance())
+            .collect();
+        all.extend(more);
+    }
+    all
+}
+
+/// Ask the hypotheses that are close to the first whether they fit, and all how much they close.
+fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation], seed: u64) -> Result<()> {
+    let high = explanations.iter().map(|of| of.probability).fold(0.0, f64::max);
+    let base = explanations[0].clone();
+    let looking = stage("looking for something else", explanations.len());
+    explanations
+        .par_iter_mut()
+        .map(|of| {
+            let is_close = of.probability > high * (-CLOSE).exp();
+            if is_close || (of.hypothesis.is_empty() && !of.has_rest) {
+                of.fits = Some(predictive_probability(&of.model(problem), &of.evidence.modes[0], seed)?);
+            }
+            of.closes = closes(problem, &base, of)?;
+            Ok(())
         })
         .inspect(|_| looking.advance())
-        .collect::<Result<_>>()?;
-    drop(looking);
+        .collect()
+}
 
-    let ln_unexplained = ln_sum_exp(
-        &looked.iter().map(|&(place, _, ln)| ln + ln_prior_odds(&sets[place], count)).collect::<Vec<_>>(),
-    );
-    let whole = ln_sum_exp(
-        &(0..sets.len())
-            .map(|place| weight(place, &found))
-            .chain([ln_unexplained + UNEXPLAINED_ODDS.ln()])
-            .collect::<Vec<_>>(),
-    );
-    let mut explanations: Vec<Explanation> = sets
-        .iter()
-        .enumerate()
-        .map(|(place, set)| {
-            let look = looked.iter().find(|(other, _, _)| *other == place);
-            Explanation {
-                hypothesis: set.clone(),
-                name: name(set, &problem.candidates),
-                probability: (weight(place, &found) - whole).exp(),
-                is_hopeless: highest - rough[place] >= HOPELESS,
-                evidence: found[place].clone(),
-                with_discrepancy: look.map(|&(_, _, ln)| ln),
-                fits: look.map(|&(_, fits, _)| fits),
+/// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
+/// nothing from the effects that are in.
+fn rule_out(explanations: &mut [Explanation]) {
+    let twin = |explanations: &[Explanation], hypothesis: &Hypothesis| {
+        explanations.iter().position(|of| of.has_rest && of.hypothesis == *hypothesis)
+    };
+    for place in 0..explanations.len() {
+        let of = &explanations[place];
+        if !of.has_rest && of.fits.is_some_and(|fits| fits < INADEQUATE) {
+            let twin = twin(explanations, &of.hypothesis);
+            explanations[place].ruled_out = Some(RuledOut::Misfit);
+            let taken = std::mem::take(&mut explanations[place].probability);
+            if let Some(twin) = twin {
+                explanations[twin].probability += taken;
             }
-        })
-        .collect();
-    let mut unexplained = (ln_unexplained + UNEXPLAINED_ODDS.ln() - whole).exp();
-    for explanation in &mut explanations {
-        if explanation.fits.is_some_and(|fits| fits < INADEQUATE) {
-            unexplained += std::mem::take(&mut explanation.probability);
         }
     }
-    explanations.sort_by(|a, b| {
-        b.probability.total_cmp(&a.probability).then(b.evidence.ln.total_cmp(&a.evidence.ln))
-    });
-    Ok(Attribution {
-        explanations,
-        unexplained,
-        ln_unexplained,
-        nearest: name(&sets[nearest], &problem.candidates),
-    })
+    let Some(unexplained) = twin(explanations, &Vec::new()) else { return };
+    for place in 0..explanations.len() {
+        let of = &mut explanations[place];
+        if !of.has_rest || !of.is_cause() {
+            continue;
+        }
+        let (none, whole) = if of.hypothesis.len() > 1 { CLOSE_TOGETHER } else { CLOSES };
+        let kept = ((of.closes - none) / (whole - none)).clamp(0.0, 1.0);
+        if kept == 0.0 {
+            of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
+        }
+        let taken = of.probability * (1.0 - kept);
+        of.probability -= taken;
+        explanations[unexplained].probability += taken;
+    }
 }
 
 #[cfg(test)]
@@ -198,18 +331,33 @@ mod tests {
     use super::*;
     use crate::attribute::synthetic_world::{STEPS, Straight};
 
-    #[test]
-    fn something_unknown_is_as_likely_beforehand_as_not() {
+    fn found(values: Vec<f64>, noise: f64) -> Vec<Explanation> {
         let (predictor, prior) = (Straight::new(), Straight::prior());
-        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-        let noise = Some(vec![vec![0.01; STEPS]]);
+        let observations = Straight::observations(values);
+        let noise = Some(vec![vec![noise; STEPS]]);
         let problem =
             Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
-        let found = attribute(&problem, 1, 1).unwrap();
-        // One of two candidates is as likely beforehand as none, and the other hypotheses are out of the question.
-        let wave = &found.explanations[0];
-        let odds = (found.ln_unexplained - wave.evidence.ln).exp();
-        assert_eq!(wave.name, "wave");
-        assert!((found.unexplained / wave.probability / odds - 1.0).abs() < 1e-6, "{found:?}");
+        attribute(&problem, 1, 1).unwrap().explanations
+    }
+
+    #[test]
+    fn something_unknown_is_as_likely_beforehand_as_not() {
+        let explanations = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
+        let of = |name: &str| explanations.iter().find(|of| of.name == name).unwrap();
+        let (wave, more) = (of("wave"), of("wave+unexplained"));
+        let odds = (more.evidence.ln - wave.evidence.ln).exp();
+        assert_eq!(explanations[0].name, "wave");
+        assert!((more.probability / wave.probability / odds - 1.0).abs() < 1e-6, "{explanations:?}");
+    }
+
+    #[test]
+    fn a_rest_takes_nothing_from_the_effect_that_is_in() {
+        let mut values = Straight::curve(1.3, 0.6, 0.8);
+        for (t, y) in values.iter_mut().enumerate() {
+            *y += 0.05 * (0.7 * t as f64).cos() + 0.01 * ((t * t) as f64).sin();
+        }
+        let explanations = found(values, 0.01);
+        assert_eq!(explanations[0].name, "wave+unexplained", "{explanations:?}");
+        assert!(explanations[0].closes > 0.95, "{}", explanations[0].closes);
     }
 }

@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::attribute::attribution::Explanation;
 use crate::attribute::mode::{Mode, standard_normal};
 use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
@@ -26,7 +27,7 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
     let problem = model.problem();
     let (_, slopes) = model.gradient(w);
-    let mut errors = problem.measurement_errors(&model.nuisances(w).0);
+    let mut errors = problem.measurement_errors(&model.nuisances(w).scales);
     absorb(model, w, &slopes, &mut errors)?;
     let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
     let sum: f64 = (0..errors.nrows()).map(share).sum();
@@ -35,7 +36,10 @@ pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
 
 /// Take out of errors, shape (readings, errors), what calibration absorbs by slopes of the curve, shape
 /// (readings, curve parameters), in the metric of noise and scatter alone.
-fn absorb(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, errors: &mut DMatrix<f64>) -> Result<()> {
+///
+/// # Errors
+/// If the slopes or the covariance are not finite.
+pub fn absorb(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, errors: &mut DMatrix<f64>) -> Result<()> {
     let none = vec![0.0; model.problem().predictor.basis().ncols()];
     let solved = model.with_covariance(w, &none, |covariance| covariance.solve(slopes))?;
     let mut information = slopes.tr_mul(&solved);
@@ -52,6 +56,30 @@ fn absorb(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, errors: &mut DMat
 pub fn left(before: f64, after: f64, floor: f64) -> f64 {
     let above = |gap: f64| (gap * gap - floor * floor).max(0.0);
     if above(before) > 0.0 { (above(after) / above(before)).min(1.0) } else { 1.0 }
+}
+
+/// Share of the base model's gap that the effects of an explanation close by themselves, fitted with the rest in
+/// the covariance if it has one: the gap that is left when the base parameters are calibrated again beside
+/// them, above what noise and scatter would give, of the gap before. Readings that are far off do not count.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Result<f64> {
+    let model = of.model(problem).plain();
+    let w = &of.best()[..model.len()];
+    let parameters = problem.prior.base().len();
+    let steps = problem.steps();
+    let left_by = |explanation: &Explanation| -> Result<f64> {
+        let own = explanation.model(problem).plain();
+        let (mean, slopes) = own.gradient(&explanation.best()[..own.len()]);
+        let mut left = DMatrix::from_vec(mean.len(), 1, own.residual(&mean));
+        // In the metric of the one noise, so that the two are compared alike.
+        absorb(&model, w, &slopes.columns(0, parameters).into_owned(), &mut left)?;
+        let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
+        let squares: Vec<f64> = counted.map(|i| (left[i] / problem.ranges[i / steps]).powi(2)).collect();
+        Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    };
+    Ok(1.0 - left(left_by(base)?, left_by(of)?, floor(&model, w)?))
 }
 
 /// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated
@@ -88,7 +116,8 @@ const DRAWS: usize = 400;
 /// If a curve or its covariance is not finite.
 pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let least = floor(after.model, after.mode.w.as_slice())?;
+    let plain = after.model.plain();
+    let least = floor(&plain, &after.mode.w.as_slice()[..plain.len()])?;
     let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
     let shrinks: Vec<f64> =
         before.iter().zip(&after).map(|(&before, &after)| 1.0 - left(before, after, least)).collect();
@@ -105,7 +134,7 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
     let (_, slopes) = model.gradient(w);
     let residual = DVector::from_vec(model.residual(fitted.mean));
     let errors = problem.emulator_errors(&curve.variance);
-    let others = problem.measurement_errors(&model.nuisances(w).0);
+    let others = problem.measurement_errors(&model.nuisances(w).scales);
     let drawn = |factor: &DMatrix<f64>, random: &mut ChaCha8Rng| {
         factor * DMatrix::from_fn(factor.ncols(), DRAWS, |_, _| standard_normal(random))
     };
@@ -118,7 +147,8 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
         let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&surprise))?;
         real -= &errors * errors.tr_mul(&solved);
     }
-    absorb(model, w, &slopes, &mut real)?;
+    let plain = model.plain();
+    absorb(&plain, &w[..plain.len()], &slopes, &mut real)?;
     let seen = DVector::from_column_slice(&problem.observed);
     Ok(real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect())
 }

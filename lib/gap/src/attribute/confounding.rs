@@ -5,7 +5,6 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::hypothesis::is_part;
-use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
 
 /// What one hypothesis adds to the base model's curve is imitated by another when the cosine between
@@ -13,6 +12,8 @@ use crate::attribute::problem::Problem;
 const PARALLEL: f64 = 0.9;
 /// … and what it cannot imitate is below this many standard deviations in all.
 const INDISTINCT: f64 = 3.0;
+/// Hypotheses less probable than this are none that the measurement cannot tell from another.
+const ALIVE: f64 = 0.005;
 /// Names at most.
 const MOST: usize = 4;
 
@@ -21,10 +22,8 @@ const MOST: usize = 4;
 pub struct Difference {
     /// Name of the observable.
     pub observable: String,
-    /// Control at the start of the range.
-    pub from: f64,
-    /// Control at its end.
-    pub to: f64,
+    /// The steps.
+    pub steps: std::ops::Range<usize>,
     /// Largest difference there, in standard deviations of noise and scatter.
     pub height: f64,
 }
@@ -40,55 +39,59 @@ struct Curve {
 /// A hypothesis S, as fitted, adds something to the curve that the base model as fitted to the same
 /// measurement cannot absorb. T imitates it when T's fitted curve, moved as far as its own parameters
 /// allow, comes nearly as close: |c_S − c_T|² = (1 − cos²) |c_S − c_none|², all in the metric of the
-/// measurement's precision. Hypotheses with more effects, and parts of S, are not listed.
+/// measurement's precision. Hypotheses with more effects, parts of S, and what is out of the question are not
+/// listed.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<Vec<usize>>> {
-    let curves: Vec<Curve> = explanations.iter().map(|explanation| curve(problem, explanation)).collect();
     let base = explanations
         .iter()
-        .position(|explanation| explanation.hypothesis.is_empty())
+        .position(|explanation| explanation.hypothesis.is_empty() && !explanation.has_rest)
         .context("no hypothesis without an effect")?;
-    explanations
-        .iter()
-        .enumerate()
-        .map(|(s, explanation)| {
-            if explanation.hypothesis.is_empty() {
-                return Ok(Vec::new());
+    let is_alive = |place: usize| explanations[place].probability >= ALIVE;
+    let curves: Vec<Option<Curve>> = (0..explanations.len())
+        .map(|place| (place == base || is_alive(place)).then(|| curve(problem, &explanations[place])))
+        .collect();
+    let near = |s: usize| -> Result<Vec<usize>> {
+        let explanation = &explanations[s];
+        let (Some(own), Some(of_base)) = (&curves[s], &curves[base]) else { return Ok(Vec::new()) };
+        if explanation.hypothesis.is_empty() || !is_alive(s) {
+            return Ok(Vec::new());
+        }
+        let whole = distance(problem, explanation, own, of_base)?;
+        if whole < 1.0 {
+            return Ok(Vec::new());
+        }
+        let mut near = Vec::new();
+        for (t, other) in explanations.iter().enumerate().filter(|(t, _)| is_alive(*t)) {
+            let has_it = is_part(&other.hypothesis, &explanation.hypothesis);
+            let is_larger = other.hypothesis.len() > explanation.hypothesis.len();
+            if has_it || is_larger || other.has_rest != explanation.has_rest {
+                continue;
             }
-            let whole = distance(problem, explanation, &curves[s], &curves[base])?;
-            if whole < 1.0 {
-                return Ok(Vec::new());
+            let Some(theirs) = &curves[t] else { continue };
+            let rest = distance(problem, explanation, own, theirs)?;
+            if rest < INDISTINCT && 1.0 - (rest / whole).powi(2) > PARALLEL * PARALLEL {
+                near.push((rest, t));
             }
-            let mut near = Vec::new();
-            for (t, other) in explanations.iter().enumerate() {
-                let has_it = is_part(&other.hypothesis, &explanation.hypothesis);
-                if has_it || other.hypothesis.len() > explanation.hypothesis.len() {
-                    continue;
-                }
-                let rest = distance(problem, explanation, &curves[s], &curves[t])?;
-                if rest < INDISTINCT && 1.0 - (rest / whole).powi(2) > PARALLEL * PARALLEL {
-                    near.push((rest, t));
-                }
-            }
-            near.sort_by(|a, b| a.0.total_cmp(&b.0));
-            Ok(near.into_iter().take(MOST).map(|(_, t)| t).collect())
-        })
-        .collect()
+        }
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(near.into_iter().take(MOST).map(|(_, t)| t).collect())
+    };
+    (0..explanations.len()).map(near).collect()
 }
 
 fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
-    let model = Model::new(problem, &explanation.hypothesis, false);
-    let (mean, slopes) = model.gradient(explanation.evidence.modes[0].w.as_slice());
+    let (mean, slopes) = explanation.model(problem).gradient(explanation.best());
     Curve { mean: DVector::from_vec(mean), slopes }
 }
 
 /// What is left of the difference of two curves when the parameters of the second are moved to make it
 /// small, in standard deviations.
 fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve) -> Result<f64> {
-    let model = Model::new(problem, &of.hypothesis, false);
-    let w = of.evidence.modes[0].w.as_slice();
+    let model = of.model(problem).plain();
+    let w = &of.best()[..model.len()];
     let columns = DMatrix::from_fn(one.mean.len(), 1 + other.slopes.ncols(), |i, k| {
         if k == 0 { one.mean[i] - other.mean[i] } else { other.slopes[(i, k - 1)] }
     });
@@ -107,14 +110,14 @@ fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve)
 /// observable with the largest sum of squares.
 pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation) -> Option<Difference> {
     let steps = problem.steps();
-    let noise = Model::new(problem, &one.hypothesis, false).nuisances(one.evidence.modes[0].w.as_slice()).0;
+    let scales = one.model(problem).nuisances(one.best()).scales;
     let apart: Vec<f64> = one
         .evidence
         .mean
         .iter()
         .zip(&other.evidence.mean)
         .enumerate()
-        .map(|(i, (a, b))| (a - b) / problem.spread(i / steps, &noise))
+        .map(|(i, (a, b))| (a - b) / problem.spread(i / steps, &scales))
         .collect();
     let window = (steps / 5).max(1);
     let mut best: Option<(f64, usize, usize)> = None;
@@ -127,12 +130,10 @@ pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation)
         }
     }
     let (_, j, start) = best?;
-    let control = problem.path.control();
     let inside = &apart[j * steps + start..j * steps + start + window];
     Some(Difference {
         observable: problem.observables[j].clone(),
-        from: control[start],
-        to: control[start + window - 1],
+        steps: start..start + window,
         height: inside.iter().map(|d| d.abs()).fold(0.0, f64::max),
     })
 }

@@ -3,12 +3,12 @@
 
 use anyhow::{Result, ensure};
 
-use crate::attribute::attribution::{Attribution, Explanation, attribute};
+use crate::attribute::attribution::{Attribution, Explanation, RuledOut, attribute};
 use crate::attribute::closure::{self, Fitted, Shrink};
 use crate::attribute::confounding::confounded;
 use crate::attribute::hypothesis::Candidate;
+use crate::attribute::lean::{Lean, leans};
 use crate::attribute::measurement::{Kind, MeasurementEffect};
-use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
@@ -97,30 +97,60 @@ pub struct Row {
     pub name: String,
     /// Its probability.
     pub probability: f64,
-    /// ln evidence; of `unexplained` that of all hypotheses with a discrepancy added.
+    /// ln evidence.
     pub ln_evidence: f64,
-    /// Standard error of it from the sampling; 0 for `unexplained`.
+    /// Standard error of it from the sampling.
     pub error: f64,
     /// Root mean square of (measured − mean curve) / range.
     pub gap: f64,
     /// Share of the base model's gap that is left, above what noise and scatter alone would give.
     pub left: f64,
+    /// Share of the base model's gap that its effects close by themselves.
+    pub closes: f64,
     /// Names of the hypotheses that the measurement cannot tell it from.
     pub confounded: Vec<String>,
-    /// Position among the explanations; nothing for `unexplained`.
-    pub explanation: Option<usize>,
+    /// Why it has no probability, if so.
+    pub ruled_out: Option<RuledOut>,
 }
 
 /// What follows from a measurement.
 pub struct Diagnosis {
-    /// All hypotheses and `unexplained`, most probable first.
+    /// All hypotheses, most probable first, in the order of the explanations.
     pub rows: Vec<Row>,
-    /// Probability of each candidate to be in, in their order.
+    /// Probability of each candidate to be in, in their order, with a rest or without.
     pub effects: Vec<(String, f64)>,
     /// Probabilities, evidences and posteriors.
     pub attribution: Attribution,
     /// The gap that noise and scatter alone would leave of the most probable explanation.
     pub floor: f64,
+    /// Parameters that the measurement pulls beyond their bounds under hypotheses that matter.
+    pub leans: Vec<Lean>,
+}
+
+impl Diagnosis {
+    /// The most probable explanation.
+    pub fn first(&self) -> &Explanation {
+        &self.attribution.explanations[0]
+    }
+
+    /// The base model, and nothing else.
+    pub fn base(&self) -> &Explanation {
+        let explanations = &self.attribution.explanations;
+        let is_base = |of: &&Explanation| of.hypothesis.is_empty() && !of.has_rest;
+        explanations.iter().find(is_base).unwrap_or(&explanations[0])
+    }
+
+    /// Probability of what comes first: of its effects, with a rest and without.
+    pub fn stated(&self) -> f64 {
+        let first = self.first();
+        if first.is_cause() { self.probability_of(&first.hypothesis) } else { first.probability }
+    }
+
+    /// Probability of the same effects with a rest and without, which is what is said of them.
+    pub fn probability_of(&self, hypothesis: &[usize]) -> f64 {
+        let same = self.attribution.explanations.iter().filter(|of| of.hypothesis == hypothesis);
+        same.map(|of| of.probability).sum()
+    }
 }
 
 /// Weigh every set of up to `largest` candidates against the measurement.
@@ -132,37 +162,23 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
     let explanations = &attribution.explanations;
     let confounded = confounded(problem, explanations)?;
     let floor = floor(problem, &explanations[0])?;
-    let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty());
+    let base = explanations.iter().find(|of| of.hypothesis.is_empty() && !of.has_rest);
     let before = base.map_or(f64::NAN, |base| closure::gap(problem, &base.evidence.mean));
-    let mut rows: Vec<Row> = explanations
-        .iter()
-        .zip(&confounded)
-        .enumerate()
-        .map(|(place, (explanation, confounded))| {
-            let gap = closure::gap(problem, &explanation.evidence.mean);
-            Row {
-                name: explanation.name.clone(),
-                probability: explanation.probability,
-                ln_evidence: explanation.evidence.ln,
-                error: explanation.evidence.error,
-                gap,
-                left: closure::left(before, gap, floor),
-                confounded: confounded.iter().map(|&other| explanations[other].name.clone()).collect(),
-                explanation: Some(place),
-            }
-        })
-        .collect();
-    rows.push(Row {
-        name: "unexplained".to_owned(),
-        probability: attribution.unexplained,
-        ln_evidence: attribution.ln_unexplained,
-        error: 0.0,
-        gap: before,
-        left: 1.0,
-        confounded: Vec::new(),
-        explanation: None,
-    });
-    rows.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    let row = |(explanation, confounded): (&Explanation, &Vec<usize>)| {
+        let gap = closure::gap(problem, &explanation.evidence.mean);
+        Row {
+            name: explanation.name.clone(),
+            probability: explanation.probability,
+            ln_evidence: explanation.evidence.ln,
+            error: explanation.evidence.error,
+            gap,
+            left: closure::left(before, gap, floor),
+            closes: explanation.closes,
+            confounded: confounded.iter().map(|&other| explanations[other].name.clone()).collect(),
+            ruled_out: explanation.ruled_out,
+        }
+    };
+    let rows = explanations.iter().zip(&confounded).map(row).collect();
     let effects = problem
         .candidates
         .iter()
@@ -172,12 +188,13 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
             (candidate.name().to_owned(), has.map(|explanation| explanation.probability).sum())
         })
         .collect();
-    Ok(Diagnosis { rows, effects, attribution, floor })
+    let leans = leans(problem, explanations)?;
+    Ok(Diagnosis { rows, effects, attribution, floor, leans })
 }
 
 fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
-    let model = Model::new(problem, &explanation.hypothesis, false);
-    closure::floor(&model, explanation.evidence.modes[0].w.as_slice())
+    let model = explanation.model(problem).plain();
+    closure::floor(&model, &explanation.best()[..model.len()])
 }
 
 /// Predict how far the gap shrinks once the effects of an explanation are in the simulation.
@@ -190,25 +207,19 @@ pub fn shrink(
     of: &Explanation,
     seed: u64,
 ) -> Result<Shrink> {
-    let base = explanations.iter().find(|explanation| explanation.hypothesis.is_empty()).unwrap_or(of);
-    let (before, after) =
-        (Model::new(problem, &base.hypothesis, false), Model::new(problem, &of.hypothesis, false));
+    let is_base = |of: &&Explanation| of.hypothesis.is_empty() && !of.has_rest;
+    let base = explanations.iter().find(is_base).unwrap_or(of);
+    let (before, after) = (base.model(problem), of.model(problem));
     let before = Fitted { model: &before, mode: &base.evidence.modes[0], mean: &base.evidence.mean };
     let after = Fitted { model: &after, mode: &of.evidence.modes[0], mean: &of.evidence.mean };
     closure::predicted_shrink(&before, &after, seed)
 }
 
-/// The noise as standard deviations, shape (observables, steps): the one given, or the one estimated
-/// with the most probable explanation.
+/// The noise as standard deviations, shape (observables, steps), as estimated with the most probable
+/// explanation.
 pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
-    let steps = problem.steps();
-    match &problem.noise {
-        Some(noise) => noise.chunks_exact(steps).map(<[f64]>::to_vec).collect(),
-        None => {
-            let best = &diagnosis.attribution.explanations[0];
-            let model = Model::new(problem, &best.hypothesis, false);
-            let shares = model.nuisances(best.evidence.modes[0].w.as_slice()).0;
-            shares.iter().zip(&problem.ranges).map(|(share, range)| vec![share * range; steps]).collect()
-        }
-    }
+    let first = diagnosis.first();
+    let scales = first.model(problem).nuisances(first.best()).scales;
+    let sd = |(units, scale): (&[f64], &f64)| units.iter().map(|unit| scale * unit).collect();
+    problem.units.chunks_exact(problem.steps()).zip(&scales).map(sd).collect()
 }

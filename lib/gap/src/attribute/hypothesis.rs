@@ -60,12 +60,14 @@ pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
 /// Natural logarithm of the prior odds of a hypothesis against `none`.
 ///
 /// Who asks has seen a gap: that one of the candidates is at work is twice as likely beforehand as that none
-/// is, each as likely as the others. Every further one is in with odds of one to the number of candidates.
+/// is, each as likely as the others. Every further one is in with odds of one to twice the number of candidates:
+/// two at a time imitate what is none of them.
 pub fn ln_prior_odds(hypothesis: &[usize], candidates: usize) -> f64 {
     if hypothesis.is_empty() {
         return 0.0;
     }
-    std::f64::consts::LN_2 - hypothesis.len() as f64 * (candidates.max(2) as f64).ln()
+    let count = candidates.max(2) as f64;
+    std::f64::consts::LN_2 - count.ln() - (hypothesis.len() - 1) as f64 * (2.0 * count).ln()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What is known of each parameter under a hypothesis.
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::model::{Meaning, Model};
+use crate::attribute::model::Meaning;
 use crate::attribute::problem::Problem;
 use gl_inference::prior::normal_cdf;
 use gl_inference::summary::leaning;
@@ -26,7 +26,7 @@ pub struct Marginal {
 
 /// The marginal posteriors of all parameters that a hypothesis varies.
 pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Marginal> {
-    let model = Model::new(problem, &explanation.hypothesis, false);
+    let model = explanation.model(problem);
     let evidence = &explanation.evidence;
     let marginal = |(place, meaning): (usize, Meaning<'_>)| {
         let scores = evidence.samples.iter().map(|sample| sample[place]);

@@ -20,29 +20,57 @@ pub struct Mode {
 
 /// Points of the prior from which the best are climbed.
 const SCREENED: usize = 64;
+/// The same where smaller hypotheses have been climbed already.
+const SCREENED_BESIDE: usize = 24;
 /// How many of them are climbed.
 const CLIMBED: usize = 2;
 /// Modes that lie further below the best are left to the wide part of the proposal.
 const NEGLIGIBLE: f64 = 12.0;
 const ITERATIONS: usize = 30;
 
-/// The modes found from the given starts (curve parameters) and from the prior, best first.
-pub fn find(model: &Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> Vec<Mode> {
-    let dimensions = model.curve_parameters();
-    let nuisances = vec![0.0; model.len() - dimensions];
+/// Readings that are taken to be far off, at most, as a share of all.
+const MOST_OUTLIERS: f64 = 0.1;
+
+/// The modes found from the given starts (all parameters) and, without a rest, from the prior, best first.
+/// The model is told at the best of them which readings are far off, and what its effects add to the curve.
+pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> Vec<Mode> {
+    if let (true, Some(start)) = (model.has_rest(), starts.first()) {
+        model.set_form(&model.added(start), &[]);
+    }
+    let screened = match (model.has_rest(), starts.len()) {
+        (true, _) => Vec::new(),
+        (false, 0 | 1) => screened(model, SCREENED, random),
+        (false, _) => screened(model, SCREENED_BESIDE, random),
+    };
+    let modes: Vec<Mode> = starts.iter().cloned().chain(screened).map(|start| climb(model, start)).collect();
+    let mut modes = distinct(modes);
+    let Some(best) = modes.first().cloned() else { return modes };
+    let (best, is_changed) = with_outliers(model, best);
+    if is_changed {
+        let others = modes.iter().skip(1).map(|mode| climb(model, mode.w.as_slice().to_vec())).collect();
+        modes = distinct([vec![best], others].concat());
+    }
+    modes
+}
+
+/// Points of the prior that come nearest to the measurement.
+fn screened(model: &Model<'_>, count: usize, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let nuisances = vec![0.0; model.len() - model.curve_parameters()];
     let unknown = vec![0.0; model.problem().predictor.scatter().len()];
-    let mut screened: Vec<(f64, Vec<f64>)> = (0..SCREENED)
+    let mut screened: Vec<(f64, Vec<f64>)> = (0..count)
         .map(|_| {
-            let mut w: Vec<f64> = (0..dimensions).map(|_| standard_normal(random)).collect();
+            let mut w: Vec<f64> = (0..model.curve_parameters()).map(|_| standard_normal(random)).collect();
             w.extend(&nuisances);
             let mean = model.mean(&w);
             (model.ln_likelihood(&w, &Curve { mean, variance: unknown.clone() }), w)
         })
         .collect();
     screened.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let climbed = screened.into_iter().take(CLIMBED).map(|(_, w)| w);
-    let given = starts.iter().map(|start| [start.as_slice(), &nuisances].concat());
-    let mut modes: Vec<Mode> = given.chain(climbed).map(|start| climb(model, start)).collect();
+    screened.into_iter().take(CLIMBED).map(|(_, w)| w).collect()
+}
+
+/// The modes that lie apart, best first, without those that are negligible.
+fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
     modes.sort_by(|a, b| b.ln_posterior.total_cmp(&a.ln_posterior));
     let mut distinct: Vec<Mode> = Vec::new();
     for mode in modes {
@@ -54,6 +82,32 @@ pub fn find(model: &Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> 
         }
     }
     distinct
+}
+
+/// Take readings to be far off, the furthest first, as long as that pays; whether anything has changed.
+fn with_outliers(model: &mut Model<'_>, mut best: Mode) -> (Mode, bool) {
+    let most = (MOST_OUTLIERS * model.problem().observed.len() as f64) as usize;
+    let mut is_changed = false;
+    loop {
+        let curve = model.curve(best.w.as_slice());
+        let mut more = model.far_off(best.w.as_slice(), &curve);
+        more.truncate(most.saturating_sub(model.outliers().len()));
+        if more.is_empty() {
+            return (best, is_changed);
+        }
+        let before = model.clone();
+        let mut outliers = [model.outliers(), &more].concat();
+        outliers.sort_unstable();
+        let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
+        model.set_form(&added, &outliers);
+        let next = climb(model, best.w.as_slice().to_vec());
+        if next.ln_posterior <= best.ln_posterior {
+            *model = before;
+            return (best, is_changed);
+        }
+        best = next;
+        is_changed = true;
+    }
 }
 
 /// Whether a mode lies more than two standard deviations from another.
@@ -102,7 +156,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
             damping *= 8.0;
         }
         let is_done = gained < 0.01;
-        if is_done || iteration % 3 == 0 {
+        if is_done || iteration % 8 == 0 {
             curve = model.curve(&w);
             settle_nuisances(model, &mut w, &curve);
             let settled = objective(&w, &curve);
@@ -119,17 +173,43 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
     {
         covariance.view_mut((0, 0), (dimensions, dimensions)).copy_from(&factor.inverse());
     }
-    for i in dimensions..w.len() {
-        const STEP: f64 = 0.05;
-        let mut moved = w.clone();
-        moved[i] += STEP;
-        let above = objective(&moved, &curve);
-        moved[i] -= 2.0 * STEP;
-        let below = objective(&moved, &curve);
-        let bend = (2.0 * value - above - below) / (STEP * STEP);
-        covariance[(i, i)] = if bend > 1.0 { 1.0 / bend } else { 1.0 };
-    }
+    let others = w.len() - dimensions;
+    covariance.view_mut((dimensions, dimensions), (others, others)).copy_from(&spread_of_nuisances(
+        &w,
+        dimensions,
+        |w| objective(w, &curve),
+    ));
     Mode { w: DVector::from_vec(w), covariance, ln_posterior: value }
+}
+
+/// Covariance of the nuisances, to second order by differences; of each for itself where all together have
+/// none.
+fn spread_of_nuisances(w: &[f64], first: usize, objective: impl Fn(&[f64]) -> f64) -> DMatrix<f64> {
+    const STEP: f64 = 0.1;
+    let count = w.len() - first;
+    let at = |i: usize, by: f64, k: usize, more: f64| {
+        let mut moved = w.to_vec();
+        moved[first + i] += by;
+        moved[first + k] += more;
+        objective(&moved)
+    };
+    let here = objective(w);
+    let mut bend = DMatrix::zeros(count, count);
+    let above: Vec<f64> = (0..count).map(|i| at(i, STEP, i, 0.0)).collect();
+    for i in 0..count {
+        let below = at(i, -STEP, i, 0.0);
+        // The prior alone bends by 1.
+        bend[(i, i)] = ((2.0 * here - above[i] - below) / (STEP * STEP)).max(0.5);
+        for k in 0..i {
+            let both = at(i, STEP, k, STEP);
+            bend[(i, k)] = (above[i] + above[k] - here - both) / (STEP * STEP);
+            bend[(k, i)] = bend[(i, k)];
+        }
+    }
+    Cholesky::new(bend.clone())
+        .map(|factor| factor.inverse())
+        .filter(|spread| spread.diagonal().iter().all(|variance| *variance < 4.0))
+        .unwrap_or_else(|| DMatrix::from_diagonal(&bend.diagonal().map(f64::recip)))
 }
 
 impl Mode {
@@ -155,31 +235,45 @@ fn normal_equations(model: &Model<'_>, w: &[f64], curve: &Curve) -> Option<(DVec
     curvature.iter().all(|value| value.is_finite()).then_some((slope, curvature))
 }
 
-/// Put each nuisance where it is most probable, the curve as it is.
+/// Put the nuisances where they are most probable, one after the other, the curve as it is.
 fn settle_nuisances(model: &Model<'_>, w: &mut [f64], curve: &Curve) {
-    for i in model.curve_parameters()..w.len() {
-        let mut at = |value: f64| {
-            w[i] = value;
-            model.ln_likelihood(w, curve) - 0.5 * value * value
-        };
-        let (mut best, mut highest) = (0.0, f64::NEG_INFINITY);
-        for step in -6..=6 {
-            let value = 0.5 * f64::from(step);
-            let height = at(value);
-            if height > highest {
-                (best, highest) = (value, height);
-            }
-        }
-        for step in [0.25, 0.12, 0.06, 0.03] {
-            for value in [best - step, best + step] {
-                let height = at(value);
-                if height > highest {
-                    (best, highest) = (value, height);
+    const STEPS: [f64; 3] = [0.6, 0.15, 0.04];
+    let objective = |w: &[f64], i: usize| model.ln_likelihood(w, curve) - 0.5 * w[i] * w[i];
+    for step in STEPS {
+        for i in model.curve_parameters()..w.len() {
+            let mut highest = objective(w, i);
+            for direction in [step, -step] {
+                let before = w[i];
+                let mut best = before;
+                while best.abs() < 4.0 {
+                    w[i] = best + direction;
+                    let height = objective(w, i);
+                    if height <= highest {
+                        break;
+                    }
+                    (best, highest) = (w[i], height);
+                }
+                w[i] = best;
+                if best != before {
+                    break;
                 }
             }
+            if step == STEPS[STEPS.len() - 1] {
+                refine(w, i, step, highest, &objective);
+            }
         }
-        w[i] = best;
     }
+}
+
+/// Move one parameter to the top of the parabola through its value and those a step to either side.
+fn refine(w: &mut [f64], i: usize, step: f64, here: f64, objective: &impl Fn(&[f64], usize) -> f64) {
+    let at = w[i];
+    w[i] = at + step;
+    let above = objective(w, i);
+    w[i] = at - step;
+    let below = objective(w, i);
+    let bend = 2.0 * here - above - below;
+    w[i] = if bend > 0.0 { at + (0.5 * step * (above - below) / bend).clamp(-step, step) } else { at };
 }
 
 /// A standard normal number.

@@ -1,28 +1,39 @@
 //! One hypothesis as a statistical model: parameters that are standard normal beforehand, and the
 //! density of the measurement given them.
 
+use std::sync::Arc;
+
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
+use crate::attribute::gaussian::{Filled, Patterns};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::measurement::MeasurementEffect;
 use crate::attribute::predictor::Prediction;
-use crate::attribute::problem::Problem;
+use crate::attribute::problem::{Nuisances, Problem};
 use gl_inference::prior::normal_cdf;
 
-/// A hypothesis: the base model, the candidates that are in, and perhaps a discrepancy.
+/// A hypothesis: the base model, the candidates that are in, and perhaps something unknown: a rest.
 ///
 /// Its parameters `w` are the normal scores of the prior: parameters of the simulation, sizes of
-/// effects of the measurement, then noises where they are estimated, then amplitudes of the
-/// discrepancy. The last two, the nuisances, change the covariance only.
+/// effects of the measurement, then for each observable the scale of its noise and the correlation of it,
+/// then, with a rest, its amplitude for each observable and the size of the errors of the effects' form.
+/// All but the first two, the nuisances, change the covariance only.
+#[derive(Clone)]
 pub struct Model<'a> {
     problem: &'a Problem<'a>,
     /// Parameters of the prior that vary.
     free: Vec<usize>,
     measured: Vec<&'a MeasurementEffect>,
     /// The point in coordinates, with every effect that is out at `off`.
-    rest: Vec<f64>,
-    discrepancy: bool,
+    off: Vec<f64>,
+    has_rest: bool,
+    /// Whether the form of the effects may be another.
+    has_form: bool,
+    /// Readings that are taken to be far off, ascending.
+    outliers: Vec<usize>,
+    /// Patterns that only this model has in its covariance.
+    own: Option<Arc<Patterns>>,
 }
 
 /// What a curve parameter stands for: a parameter of the prior, or an effect of the measurement.
@@ -47,12 +58,28 @@ pub struct Curve {
 /// estimated: even in the logarithm between them (Jeffreys).
 const LN_NOISE: (f64, f64) = (-9.21, -0.69);
 
-/// Smallest amplitude of a discrepancy in noise and scatter; the largest is the range.
+/// Standard deviation of the logarithm of a noise about the one that is stated: repeatability was measured once,
+/// on another day, or is a maker's word.
+const SD_OF_LN_NOISE: f64 = 0.5;
+
+/// Largest correlation of the noise from one step to the next.
+const HIGHEST_PHI: f64 = 0.95;
+
+/// Smallest amplitude of a rest in noise and scatter; the largest is the range.
 const SMALLEST_AMPLITUDE: f64 = 0.1;
 
+/// Smallest and largest error of an effect's form, as shares of what it adds to the curve.
+const FORM: (f64, f64) = (0.02, 0.5);
+
+/// How many standard deviations off a reading must be to be tried as one that is far off.
+const OUTLYING: f64 = 3.5;
+
+/// Probability beforehand of a reading to be far off.
+const OUTLIER: f64 = 0.01;
+
 impl<'a> Model<'a> {
-    /// The model of a hypothesis, with a discrepancy or without.
-    pub fn new(problem: &'a Problem<'a>, hypothesis: &[usize], discrepancy: bool) -> Self {
+    /// The model of a hypothesis, with a rest or without.
+    pub fn new(problem: &'a Problem<'a>, hypothesis: &[usize], has_rest: bool) -> Self {
         let parameters = problem.prior.parameters();
         let mut free = problem.prior.base();
         let mut measured = Vec::new();
@@ -69,8 +96,44 @@ impl<'a> Model<'a> {
             crate::attribute::measurement::Kind::Gain => 2,
             _ => 3,
         });
-        let rest = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
-        Self { problem, free, measured, rest, discrepancy }
+        let off = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
+        let has_form = has_rest && !hypothesis.is_empty();
+        let mut model =
+            Self { problem, free, measured, off, has_rest, has_form, outliers: Vec::new(), own: None };
+        if has_form {
+            model.set_form(&vec![0.0; problem.observed.len()], &[]);
+        }
+        model
+    }
+
+    /// Take the form of the effects to err in proportion to what they add to the curve, shape (observables ·
+    /// steps), where there is a rest; and these readings, ascending, to be far off.
+    pub fn set_form(&mut self, added: &[f64], outliers: &[usize]) {
+        self.outliers = outliers.to_vec();
+        let added = self.has_form.then_some(added);
+        let is_plain = added.is_none() && outliers.is_empty();
+        self.own = (!is_plain).then(|| Arc::new(self.problem.patterns_with(added, outliers)));
+    }
+
+    /// What the effects add to the curve, shape (observables · steps).
+    pub fn added(&self, w: &[f64]) -> Vec<f64> {
+        let base = self.problem.prior.base();
+        let mut without = self.point(w);
+        for &j in self.free.iter().filter(|j| !base.contains(j)) {
+            without[j] = self.off[j];
+        }
+        let off = self.simulated(&self.problem.predictor.mean(&without));
+        self.mean(w).iter().zip(&off).map(|(on, off)| on - off).collect()
+    }
+
+    /// Readings that are taken to be far off, ascending.
+    pub fn outliers(&self) -> &[usize] {
+        &self.outliers
+    }
+
+    /// Whether something unknown is at work, too.
+    pub fn has_rest(&self) -> bool {
+        self.has_rest
     }
 
     /// Positions in the prior of the simulation's parameters that vary; they come first.
@@ -85,7 +148,13 @@ impl<'a> Model<'a> {
 
     /// Number of all parameters.
     pub fn len(&self) -> usize {
-        self.curve_parameters() + self.noises() + if self.discrepancy { self.problem.ranges.len() } else { 0 }
+        let of_rest = if self.has_rest { self.problem.ranges.len() } else { 0 };
+        self.without_rest() + of_rest + usize::from(self.has_form)
+    }
+
+    /// Number of parameters of the same hypothesis without a rest, which come first.
+    pub fn without_rest(&self) -> usize {
+        self.curve_parameters() + 2 * self.problem.ranges.len()
     }
 
     /// Whether nothing varies.
@@ -99,11 +168,26 @@ impl<'a> Model<'a> {
         parameters.chain(self.measured.iter().map(|effect| Meaning::Size(effect))).collect()
     }
 
-    /// Curve parameters to start from: those of another model where they mean the same, 0 elsewhere.
+    /// Parameters to start from: those of another model where they mean the same, 0 elsewhere.
     pub fn start_from(&self, other: &Self, w: &[f64]) -> Vec<f64> {
         let theirs = other.meanings();
         let same = |meaning: &Meaning<'a>| theirs.iter().position(|other| other == meaning);
-        self.meanings().iter().map(|meaning| same(meaning).map_or(0.0, |i| w[i])).collect()
+        let mut start: Vec<f64> =
+            self.meanings().iter().map(|meaning| same(meaning).map_or(0.0, |i| w[i])).collect();
+        start.extend(&w[other.curve_parameters()..other.without_rest()]);
+        if self.has_rest && other.has_rest {
+            start.extend(&w[other.without_rest()..]);
+        }
+        start.resize(self.len(), 0.0);
+        start
+    }
+
+    /// The same hypothesis without a rest.
+    pub fn plain(&self) -> Self {
+        let mut plain = self.clone();
+        (plain.has_rest, plain.has_form) = (false, false);
+        plain.set_form(&[], &self.outliers);
+        plain
     }
 
     /// The problem that it belongs to.
@@ -111,13 +195,9 @@ impl<'a> Model<'a> {
         self.problem
     }
 
-    fn noises(&self) -> usize {
-        if self.problem.noise.is_none() { self.problem.ranges.len() } else { 0 }
-    }
-
     /// The point in coordinates of the simulation.
     pub fn point(&self, w: &[f64]) -> Vec<f64> {
-        let mut point = self.rest.clone();
+        let mut point = self.off.clone();
         for (&j, &w) in self.free.iter().zip(w) {
             let parameter = &self.problem.prior.parameters()[j];
             point[j] = match parameter.normal {
@@ -137,6 +217,12 @@ impl<'a> Model<'a> {
     /// The predicted measurement without its variance, shape (observables · steps).
     pub fn mean(&self, w: &[f64]) -> Vec<f64> {
         self.measure(self.simulated(&self.problem.predictor.mean(&self.point(w))), w)
+    }
+
+    /// The predicted measurement at a point of the simulation, with the effects of the measurement as at `w`,
+    /// shape (observables · steps).
+    pub fn measured_at(&self, point: &[f64], w: &[f64]) -> Vec<f64> {
+        self.measure(self.simulated(&self.problem.predictor.mean(point)), w)
     }
 
     fn simulated(&self, components: &[f64]) -> Vec<f64> {
@@ -195,21 +281,29 @@ impl<'a> Model<'a> {
         (self.measure(simulated, w), gradient)
     }
 
-    /// Noises as shares of the ranges where they are estimated, and amplitudes of the discrepancy in
-    /// noise and scatter.
-    pub fn nuisances(&self, w: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    /// What changes the covariance.
+    pub fn nuisances(&self, w: &[f64]) -> Nuisances {
         let between = |(low, high): (f64, f64), w: f64| (low + (high - low) * normal_cdf(w)).exp();
-        let (noise, amplitude) = w[self.curve_parameters()..].split_at(self.noises());
-        let noise: Vec<f64> = noise.iter().map(|&w| between(LN_NOISE, w)).collect();
-        let amplitudes = amplitude
+        let observables = self.problem.ranges.len();
+        let (scales, rest) = w[self.curve_parameters()..].split_at(observables);
+        let (phi, rest) = rest.split_at(observables);
+        let scale = |w: &f64| {
+            if self.problem.is_noise_stated { (SD_OF_LN_NOISE * w).exp() } else { between(LN_NOISE, *w) }
+        };
+        let scales: Vec<f64> = scales.iter().map(scale).collect();
+        // Mostly small: above a half in one of ten cases.
+        let phi = phi.iter().map(|w| HIGHEST_PHI * normal_cdf(1.2 * w - 1.5)).collect();
+        let amplitudes = if self.has_rest { &rest[..observables] } else { &[] };
+        let amplitudes = amplitudes
             .iter()
             .enumerate()
             .map(|(j, &w)| {
-                let largest = (self.problem.ranges[j] / self.problem.spread(j, &noise)).max(20.0);
+                let largest = (self.problem.ranges[j] / self.problem.spread(j, &scales)).max(20.0);
                 between((SMALLEST_AMPLITUDE.ln(), largest.ln()), w)
             })
             .collect();
-        (noise, amplitudes)
+        let form = self.has_form.then(|| between((FORM.0.ln(), FORM.1.ln()), rest[observables]));
+        Nuisances { scales, phi, amplitudes, form }
     }
 
     /// Use the covariance of the measurement about a curve.
@@ -220,10 +314,10 @@ impl<'a> Model<'a> {
         &self,
         w: &[f64],
         component_variance: &[f64],
-        visit: impl FnOnce(&crate::attribute::gaussian::Filled<'_>) -> T,
+        visit: impl FnOnce(&Filled<'_>) -> T,
     ) -> Result<T> {
-        let (noise, amplitudes) = self.nuisances(w);
-        self.problem.with_covariance(&noise, &amplitudes, component_variance, visit)
+        let more = self.own.as_ref().map(|own| (own.as_ref(), self.outliers.as_slice()));
+        self.problem.with_covariance(&self.nuisances(w), component_variance, more, visit)
     }
 
     /// What the measurement has more than a curve, shape (readings,).
@@ -231,14 +325,43 @@ impl<'a> Model<'a> {
         self.problem.observed.iter().zip(curve).map(|(seen, y)| seen - y).collect()
     }
 
-    /// ln N(measurement; curve, Σ); −∞ where the covariance is not finite.
+    /// ln N(measurement; curve, Σ), with the odds of the readings that are far off to be so; −∞ where the
+    /// covariance is not finite.
     pub fn ln_likelihood(&self, w: &[f64], curve: &Curve) -> f64 {
         let residual = self.residual(&curve.mean);
         self.with_covariance(w, &curve.variance, |covariance| covariance.ln_density(&residual))
             .ok()
             .filter(|value| value.is_finite())
-            .unwrap_or(f64::NEG_INFINITY)
+            .map_or(f64::NEG_INFINITY, |value| value + self.outliers.len() as f64 * ln_outlier_odds())
     }
+
+    /// Readings that are further from what all others say of them than most are, furthest first: more than
+    /// [`OUTLYING`] times as far as half of those of the observable are at the least, made consistent for normal
+    /// noise. Two that are far off make the noise seem large, by which neither is; the median sees neither.
+    pub fn far_off(&self, w: &[f64], curve: &Curve) -> Vec<usize> {
+        let residual = DMatrix::from_vec(curve.mean.len(), 1, self.residual(&curve.mean));
+        let scores = self.with_covariance(w, &curve.variance, |covariance| {
+            let precise = covariance.solve(&residual);
+            let score = |(z, precision): (&f64, f64)| z.abs() / precision.sqrt();
+            precise.iter().zip(covariance.precisions()).map(score).collect::<Vec<f64>>()
+        });
+        let scores = scores.unwrap_or_default();
+        let mut far: Vec<usize> = Vec::new();
+        for (j, own) in scores.chunks_exact(self.problem.steps()).enumerate() {
+            let mut sorted = own.to_vec();
+            sorted.sort_by(f64::total_cmp);
+            let unit = 1.4826 * sorted[sorted.len() / 2];
+            let first = j * own.len();
+            far.extend((0..own.len()).filter(|&t| own[t] > OUTLYING * unit).map(|t| first + t));
+        }
+        far.retain(|i| !self.outliers.contains(i));
+        far.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
+        far
+    }
+}
+
+fn ln_outlier_odds() -> f64 {
+    (OUTLIER / (1.0 - OUTLIER)).ln()
 }
 
 /// ln of the standard normal density, shape (parameters,).

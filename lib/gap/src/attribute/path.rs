@@ -1,5 +1,7 @@
 //! The control as a path, with turning points where the loading is cyclic.
 
+use std::ops::Range;
+
 use gl_inference::observations::range;
 
 /// Control values of a measurement in the order in which they were imposed.
@@ -47,6 +49,14 @@ impl Path {
         &self.control
     }
 
+    /// Steps at which the control turns, ascending.
+    pub fn turns(&self) -> Vec<usize> {
+        let mut ends: Vec<usize> =
+            self.branch.iter().map(|(start, _)| *start).filter(|&start| start > 0).collect();
+        ends.dedup();
+        ends
+    }
+
     /// Largest minus smallest control value.
     pub fn range(&self) -> f64 {
         range(&self.control)
@@ -81,6 +91,39 @@ impl Path {
             })
             .collect()
     }
+}
+
+impl Path {
+    /// Steps of the control in words: between two values, or where the control turns somewhere, as a path.
+    pub fn told(&self, control: &str, steps: &Range<usize>) -> String {
+        let values = &self.control;
+        let (from, to) = (short(values[steps.start]), short(values[steps.end - 1]));
+        let turns = self.turns();
+        if turns.is_empty() {
+            return format!("between {control} {from} and {to}");
+        }
+        let next = (steps.start + 1).min(values.len() - 1);
+        let way = if values[next] >= values[next - 1] { "rising" } else { "falling" };
+        let inside: Vec<usize> =
+            turns.into_iter().filter(|&t| steps.start < t && t + 1 < steps.end).collect();
+        match inside.as_slice() {
+            [] => format!("with {control} {way} from {from} to {to}"),
+            [turn] => {
+                format!(
+                    "with {control} {way} from {from}, over the turn at {}, back to {to}",
+                    short(values[*turn])
+                )
+            }
+            turns => format!("with {control} {way} from {from}, over {} turns, to {to}", turns.len()),
+        }
+    }
+}
+
+/// A number to three digits.
+pub fn short(value: f64) -> String {
+    let mut text = Vec::new();
+    gl_table::push_number(&mut text, format!("{value:.2e}").parse().unwrap_or(value));
+    String::from_utf8_lossy(&text).into_owned()
 }
 
 /// Cubic through four neighbours (Hermite, slopes from finite differences), a straight line beyond
@@ -136,6 +179,17 @@ mod tests {
         for (t, value) in late.iter().enumerate() {
             assert!((value - (t as f64 - 0.5).max(0.0)).abs() < 1e-12, "{late:?}");
         }
+    }
+
+    #[test]
+    fn a_stretch_of_a_control_that_turns_is_told_as_a_path() {
+        let path = Path::new(&[0.0, 1.0, 2.6, 1.5, 0.5, 1.0]);
+        assert_eq!(path.turns(), [2, 4]);
+        assert_eq!(path.told("u", &(0..2)), "with u rising from 0 to 1");
+        assert_eq!(path.told("u", &(1..4)), "with u rising from 1, over the turn at 2.6, back to 1.5");
+        assert_eq!(path.told("u", &(3..5)), "with u falling from 1.5 to 0.5");
+        assert_eq!(path.told("u", &(0..6)), "with u rising from 0, over 2 turns, to 1");
+        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(0..3)), "between e 0 and 2");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::discrepancy::Smooth;
-use crate::attribute::gaussian::Covariance;
+use crate::attribute::gaussian::{Filled, Level, Patterns};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::path::Path;
 use crate::attribute::predictor::Predictor;
@@ -29,9 +29,11 @@ pub struct Problem<'a> {
     pub control_name: String,
     /// The control.
     pub path: Path,
-    /// Standard deviation of the noise of every reading, shape (observables · steps); estimated
-    /// with the fit if absent.
-    pub noise: Option<Vec<f64>>,
+    /// Whether a noise is stated, or else is estimated with the fit.
+    pub is_noise_stated: bool,
+    /// The unit of the noise of every reading, shape (observables · steps): the stated standard deviation,
+    /// or the range of the observable.
+    pub units: Vec<f64>,
     /// Share of the simulation's own scatter that the measurement has too.
     pub scatter: f64,
     /// Smooth patterns of a discrepancy of one observable.
@@ -40,10 +42,14 @@ pub struct Problem<'a> {
     component_scatter: Vec<f64>,
     /// Lower factor of the correlation of the components' errors.
     correlation: DMatrix<f64>,
+    /// What an effect of another form would be multiplied by.
+    form: Smooth,
     /// All patterns of the covariance: the predictor's, and the smooth ones of each observable.
     patterns: DMatrix<f64>,
-    /// The covariance without the variances of the patterns, where the noise is known.
-    covariance: Option<Covariance>,
+    /// The same with what they have in common with the noise.
+    covariance: Patterns,
+    /// Mean variance of what the components leave out of each observable, in units of the noise's.
+    left_over: Vec<f64>,
     /// Mean variance of an observable from the simulation's scatter, times its share.
     scatter_variance: Vec<f64>,
 }
@@ -57,7 +63,7 @@ const SMALL: f64 = 0.15;
 const HEAVY_TAILS: f64 = 2.0;
 
 impl<'a> Problem<'a> {
-    /// * `noise` — standard deviations, shape (observables, steps), or nothing to estimate them.
+    /// * `noise` — standard deviations as stated, shape (observables, steps), or nothing to estimate them.
     /// * `scatter` — share of the simulation's scatter that the measurement has, not negative.
     ///
     /// # Errors
@@ -109,14 +115,17 @@ impl<'a> Problem<'a> {
         let scatter_variance = (0..observables)
             .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
             .collect();
-        let covariance = noise.as_ref().map(|noise| {
-            let diagonal: Vec<f64> = noise
-                .iter()
-                .zip(predictor.left_over())
-                .map(|(sd, rest)| sd * sd + HEAVY_TAILS * rest)
-                .collect();
-            Covariance::new(&diagonal, &patterns, &correlation)
-        });
+        let is_noise_stated = noise.is_some();
+        let units = noise.unwrap_or_else(|| ranges.iter().flat_map(|&range| vec![range; steps]).collect());
+        let covariance = Patterns::new(&units, steps, &patterns, &correlation);
+        let left_over = (0..observables)
+            .map(|j| {
+                let own = j * steps..(j + 1) * steps;
+                let rest: f64 = predictor.left_over()[own.clone()].iter().sum();
+                HEAVY_TAILS * rest / units[own].iter().map(|unit| unit * unit).sum::<f64>()
+            })
+            .collect();
+        let form = Smooth::of_form(&path.places());
         Ok(Self {
             predictor,
             prior,
@@ -126,13 +135,16 @@ impl<'a> Problem<'a> {
             observables: observations.names.clone(),
             control_name: observations.control_name.clone(),
             path,
-            noise,
+            is_noise_stated,
+            units,
             scatter,
             smooth,
             component_scatter,
             correlation,
+            form,
             patterns,
             covariance,
+            left_over,
             scatter_variance,
         })
     }
@@ -152,14 +164,11 @@ impl<'a> Problem<'a> {
         self.factor(&variance, &rest)
     }
 
-    /// A factor of the covariance of noise and scatter, in the same shape; `noise` as shares of the
-    /// ranges where it is estimated.
-    pub fn measurement_errors(&self, noise: &[f64]) -> DMatrix<f64> {
+    /// A factor of the covariance of noise and scatter, in the same shape; `scales` are those of the noise, in
+    /// its units, shape (observables,).
+    pub fn measurement_errors(&self, scales: &[f64]) -> DMatrix<f64> {
         let steps = self.steps();
-        let estimated = |i: usize| noise[i / steps] * self.ranges[i / steps];
-        let sd: Vec<f64> = (0..self.observed.len())
-            .map(|i| self.noise.as_ref().map_or_else(|| estimated(i), |sd| sd[i]))
-            .collect();
+        let sd: Vec<f64> = self.units.iter().enumerate().map(|(i, unit)| scales[i / steps] * unit).collect();
         let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
         self.factor(&variance, &sd)
     }
@@ -177,59 +186,90 @@ impl<'a> Problem<'a> {
         factor
     }
 
-    /// Use the covariance at a noise (a share of each range, where it is estimated), an amplitude of
-    /// the discrepancy (in noise and scatter) of each observable, and the variances of the components.
+    /// The patterns of the covariance of a model that has more of them than all have: errors of the form of an
+    /// effect that adds this to the curve, shape (observables · steps), and readings that are far off.
+    pub fn patterns_with(&self, added: Option<&[f64]>, outliers: &[usize]) -> Patterns {
+        let steps = self.steps();
+        let forms = if added.is_some() { self.ranges.len() * self.form.len() } else { 0 };
+        let own = self.patterns.ncols();
+        let mut patterns = DMatrix::zeros(self.observed.len(), own + forms + outliers.len());
+        patterns.columns_mut(0, own).copy_from(&self.patterns);
+        if let Some(added) = added {
+            for (i, y) in added.iter().enumerate() {
+                let first = own + i / steps * self.form.len();
+                for k in 0..self.form.len() {
+                    patterns[(i, first + k)] = y * self.form.patterns[(i % steps, k)];
+                }
+            }
+        }
+        for (k, &reading) in outliers.iter().enumerate() {
+            patterns[(reading, own + forms + k)] = self.units[reading];
+        }
+        Patterns::new(&self.units, steps, &patterns, &self.correlation)
+    }
+
+    /// Use the covariance at nuisances and the variances of the components; `more` are the patterns of
+    /// [`Self::patterns_with`], if there are any, and the readings that are far off.
     ///
     /// # Errors
     /// If the covariance is not finite.
     pub fn with_covariance<T>(
         &self,
-        noise: &[f64],
-        amplitudes: &[f64],
+        nuisances: &Nuisances,
         component_variance: &[f64],
-        visit: impl FnOnce(&crate::attribute::gaussian::Filled<'_>) -> T,
+        more: Option<(&Patterns, &[usize])>,
+        visit: impl FnOnce(&Filled<'_>) -> T,
     ) -> Result<T> {
-        let steps = self.steps();
-        let estimated;
-        let covariance = match &self.covariance {
-            Some(covariance) => covariance,
-            None => {
-                let diagonal: Vec<f64> = self
-                    .predictor
-                    .left_over()
-                    .iter()
-                    .enumerate()
-                    .map(|(i, rest)| HEAVY_TAILS * rest + (noise[i / steps] * self.ranges[i / steps]).powi(2))
-                    .collect();
-                estimated = Covariance::new(&diagonal, &self.patterns, &self.correlation);
-                &estimated
-            }
-        };
         let mut variances: Vec<f64> = component_variance
             .iter()
             .zip(&self.component_scatter)
             .map(|(variance, scatter)| HEAVY_TAILS * variance.max(0.0) + self.scatter * scatter)
             .collect();
         for j in 0..self.ranges.len() {
-            let unit = self.spread(j, noise).powi(2);
-            let amplitude = amplitudes.get(j).copied().unwrap_or(0.0);
+            let unit = self.spread(j, &nuisances.scales).powi(2);
+            let amplitude = nuisances.amplitudes.get(j).copied().unwrap_or(0.0);
             let share = (SMALL * SMALL + amplitude * amplitude) * unit;
             variances.extend(self.smooth.variances.iter().map(|variance| share * variance));
         }
-        Ok(visit(&covariance.fill(&variances)?))
+        if let Some(form) = nuisances.form {
+            for _ in 0..self.ranges.len() {
+                variances.extend(self.form.variances.iter().map(|variance| form * form * variance));
+            }
+        }
+        let of_noise = |j: usize| nuisances.scales[j].powi(2) + self.left_over[j];
+        let outliers = more.map_or(&[] as &[usize], |(_, outliers)| outliers);
+        variances.extend(outliers.iter().map(|i| FAR_OFF * FAR_OFF * of_noise(i / self.steps())));
+        let levels: Vec<Level> = nuisances
+            .phi
+            .iter()
+            .enumerate()
+            .map(|(j, &phi)| Level { variance: of_noise(j), phi: if self.steps() > 1 { phi } else { 0.0 } })
+            .collect();
+        let patterns = more.map_or(&self.covariance, |(patterns, _)| patterns);
+        Ok(visit(&patterns.fill(&levels, &variances)?))
     }
 
-    /// Root-mean-square of noise and scatter of an observable; `noise` as shares of the ranges where
-    /// it is estimated.
-    pub fn spread(&self, observable: usize, noise: &[f64]) -> f64 {
+    /// Root-mean-square of noise and scatter of an observable; `scales` are those of the noise, in its units.
+    pub fn spread(&self, observable: usize, scales: &[f64]) -> f64 {
         let steps = self.steps();
-        let own = match &self.noise {
-            Some(sd) => {
-                let own = &sd[observable * steps..(observable + 1) * steps];
-                own.iter().map(|sd| sd * sd).sum::<f64>() / steps as f64
-            }
-            None => (noise[observable] * self.ranges[observable]).powi(2),
-        };
-        (own + self.scatter_variance[observable]).sqrt()
+        let own = &self.units[observable * steps..(observable + 1) * steps];
+        let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / steps as f64;
+        (noise + self.scatter_variance[observable]).sqrt()
     }
 }
+
+/// What changes the covariance and not the curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nuisances {
+    /// How many times its unit the noise of each observable is.
+    pub scales: Vec<f64>,
+    /// Correlation of each observable's noise from one step to the next.
+    pub phi: Vec<f64>,
+    /// Amplitude of what else is at work, in noise and scatter; empty where nothing else is.
+    pub amplitudes: Vec<f64>,
+    /// Size of the errors of the form of the effects, as a share of what they add to the curve.
+    pub form: Option<f64>,
+}
+
+/// Standard deviation of a reading that is far off, in those of the others.
+pub const FAR_OFF: f64 = 10.0;

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::attribute::attribution::attribute;
+use crate::attribute::attribution::{UNEXPLAINED, attribute};
 use crate::attribute::diagnosis::emulate;
 use crate::attribute::hypothesis::{Candidate, name};
 use crate::attribute::mode::standard_normal;
@@ -23,7 +23,7 @@ pub struct Checked {
     pub sample: String,
     /// What was in it: `none`, or effects joined by `+`.
     pub truth: String,
-    /// What came first.
+    /// What came first, with a rest or without.
     pub first: String,
     /// Its probability.
     pub probability: f64,
@@ -115,16 +115,16 @@ pub fn self_check(
             )?;
             let attribution = attribute(&problem, largest, seed)?;
             let best = &attribution.explanations[0];
-            let (first, probability) = if attribution.unexplained > best.probability {
-                ("unexplained".to_owned(), attribution.unexplained)
+            let cause = if best.has_rest && !best.is_cause() {
+                UNEXPLAINED.to_owned()
             } else {
-                (best.name.clone(), best.probability)
+                name(&best.hypothesis, design.candidates)
             };
             checked.push(Checked {
                 sample: design.ensemble.samples[run].clone(),
                 truth: name(&truth(run), design.candidates),
-                first,
-                probability,
+                first: cause,
+                probability: best.probability,
             });
             stage.advance();
         }

@@ -1,13 +1,16 @@
-//! A diagnosis in a few sentences that a user can act on.
+//! A diagnosis in a few sentences that a user can act on, each with a code that a program can.
 
 use anyhow::Result;
 
-use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
-use crate::attribute::marginals::marginals;
-use crate::attribute::model::Model;
+use crate::attribute::hypothesis::name;
+use crate::attribute::lean::Lean;
+use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
+use crate::attribute::rest::goes_with;
+use gl_table::verdict::Verdicts;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.8;
@@ -15,97 +18,269 @@ const SETTLED: f64 = 0.8;
 /// Above this share of noise and scatter what the emulator does not know widens a verdict.
 const IGNORANT: f64 = 0.5;
 
+/// A noise that is so many times the stated one, or the stated one so many times it, is said to be.
+const OTHER_NOISE: f64 = 1.4;
+
+/// Above this correlation from one reading to the next the noise is said to be correlated.
+const CORRELATED: f64 = 0.35;
+
+/// The base model fits if its predictive probability is above this: then there is no gap that a cause would
+/// have to explain.
+const FITS: f64 = 0.05;
+
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
 /// units of noise and scatter.
 fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
-    let model = Model::new(problem, &explanation.hypothesis, false);
-    let w = explanation.evidence.modes[0].w.as_slice();
-    let (noise, _) = model.nuisances(w);
+    let model = explanation.model(problem);
+    let w = explanation.best();
+    // By the stated noise: one that came out larger may have taken in what the emulator does not know.
+    let mut scales = model.nuisances(w).scales;
+    if problem.is_noise_stated {
+        scales.iter_mut().for_each(|scale| *scale = scale.min(1.0));
+    }
     let errors = problem.emulator_errors(&model.curve(w).variance);
     let square =
-        |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &noise).powi(2);
+        |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &scales).powi(2);
     ((0..errors.nrows()).map(square).sum::<f64>() / errors.nrows() as f64).sqrt()
 }
 
-/// The verdict, one sentence or two an item.
+fn percent(share: f64) -> f64 {
+    (100.0 * share).round()
+}
+
+/// The verdict: what it rests on if that is doubtful, then the cause, then what else there is to know.
+///
+/// * `bounds` — where the bounds of the parameters were read, for whoever is to widen them.
 ///
 /// # Errors
 /// If the predicted shrink cannot be computed.
-pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<Vec<String>> {
-    let percent = |share: f64| (100.0 * share).round();
-    let explanations = &diagnosis.attribution.explanations;
-    let first = &diagnosis.rows[0];
-    let mut lines = Vec::new();
-    if let Some(base) = diagnosis.rows.iter().find(|row| row.name == "none") {
-        lines.push(format!(
+pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, bounds: &str, seed: u64) -> Result<Verdicts> {
+    let mut verdicts = Verdicts::default();
+    for lean in &diagnosis.leans {
+        add_lean(&mut verdicts, lean, bounds);
+    }
+    let base = diagnosis.base();
+    let gap = crate::attribute::closure::gap(problem, &base.evidence.mean);
+    verdicts.add(
+        "gap",
+        gap,
+        format!(
             "the calibrated base model misses the measurement by {:.2} % of its range; noise and scatter alone would give {:.2} %",
-            100.0 * base.gap,
+            100.0 * gap,
             100.0 * diagnosis.floor
-        ));
-    }
-    match (first.name.as_str(), first.explanation) {
-        ("none", _) => lines.push(format!(
-            "no effect is needed: the base model explains the measurement, probability {:.2}",
-            first.probability
-        )),
-        (_, None) => lines.push(format!(
-            "none of the candidates explains the measurement: something else is at work, probability {:.2}; the nearest candidate is {}, which is no answer",
-            first.probability, diagnosis.attribution.nearest
-        )),
-        (name, Some(place)) => {
-            let closes = shrink(problem, explanations, &explanations[place], seed)?;
-            lines.push(format!("{name} explains it: probability {:.2}", first.probability));
-            let (low, high) = (percent(closes.low), percent(closes.high));
-            let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
-            lines.push(format!("adding it should close {} %{interval} of the gap", percent(closes.median)));
-        }
-    }
-    if let Some(place) = first.explanation {
-        for marginal in marginals(problem, &explanations[place]).iter().filter(|marginal| marginal.lean != 0)
-        {
-            let side = if marginal.lean < 0 { "lower" } else { "upper" };
-            lines.push(format!("{} leans on its {side} bound: the truth may lie outside", marginal.name));
-        }
-    }
-    let ignorance = ignorance(problem, &explanations[first.explanation.unwrap_or(0)]);
+        ),
+    );
+    add_cause(&mut verdicts, problem, diagnosis, seed)?;
+    add_rest(&mut verdicts, problem, diagnosis.first())?;
+    add_noise(&mut verdicts, problem, diagnosis.first());
+    let ignorance = ignorance(problem, diagnosis.first());
     if ignorance > IGNORANT {
-        lines.push(format!(
+        verdicts.add("emulator", ignorance, format!(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
     }
-    let second = &diagnosis.rows[1];
-    if first.probability < SETTLED {
-        lines.push(format!(
-            "not settled: next comes {} with probability {:.2}",
-            second.name, second.probability
+    add_rivals(&mut verdicts, problem, diagnosis);
+    for of in &diagnosis.attribution.explanations {
+        if of.ruled_out == Some(RuledOut::Invisible) && !of.has_rest {
+            verdicts.add("invisible", &of.name, format!(
+                "{} cannot show in this measurement: within its bounds it stays below noise and scatter, or the base parameters absorb it; it is no candidate here",
+                of.name
+            ));
+        }
+    }
+    Ok(verdicts)
+}
+
+fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
+    let (side, relation) = if lean.is_upper { ("upper", "larger") } else { ("lower", "smaller") };
+    verdicts.add("leans", &lean.parameter, format!(
+        "under {} the measurement wants {} to be {relation} than its {side} bound, {} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
+        lean.hypothesis, lean.parameter, lean.bound
+    ));
+}
+
+/// The cause, or why there is none.
+fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
+    let first = diagnosis.first();
+    let effects = name(&first.hypothesis, &problem.candidates);
+    let probability = diagnosis.probability_of(&first.hypothesis);
+    let is_fit = diagnosis.base().fits.is_some_and(|fits| fits > FITS);
+    let is_settled = probability >= SETTLED && diagnosis.leans.is_empty() && !is_fit;
+    if !first.is_cause() {
+        if !first.has_rest {
+            let code = if diagnosis.leans.is_empty() { "none" } else { "unsettled" };
+            verdicts.add(
+                code,
+                "none",
+                format!(
+                    "no effect is needed: the base model explains the measurement, probability {:.2}",
+                    first.probability
+                ),
+            );
+            return Ok(());
+        }
+        verdicts.add("unexplained", first.probability, format!(
+            "none of the candidates explains the measurement: something else is at work, probability {:.2}; the nearest candidate is {}, which is no answer",
+            first.probability, diagnosis.attribution.nearest
+        ));
+        return Ok(());
+    }
+    let code = match (is_settled, first.has_rest) {
+        (false, _) => "unsettled",
+        (true, false) => "cause",
+        (true, true) => "cause-with-rest",
+    };
+    let text = if first.has_rest {
+        format!(
+            "{effects} is in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}",
+            percent(first.closes),
+            rest_places(problem, first)
+        )
+    } else {
+        format!("{effects} explains it: probability {probability:.2}")
+    };
+    verdicts.add(code, &effects, text);
+    let closes = shrink(problem, &diagnosis.attribution.explanations, first, seed)?;
+    let (low, high) = (percent(closes.low), percent(closes.high));
+    let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
+    verdicts.add(
+        "closes",
+        closes.median,
+        format!("adding it should close {} %{interval} of the gap", percent(closes.median)),
+    );
+    if is_fit {
+        verdicts.add("base-fits", &effects, format!(
+            "but the base model fits as well as noise and scatter allow: {effects} is more probable than not to be there, and nothing has to be explained by it"
         ));
     }
-    // The rival that a further measurement should tell from the first: one that it is confounded
-    // with, else the next in line.
-    let rival = first.confounded.first().or((first.probability < SETTLED).then_some(&second.name));
-    let explanation = |name: &String| explanations.iter().find(|explanation| explanation.name == *name);
-    if let (Some(one), Some(other)) =
-        (first.explanation.map(|place| &explanations[place]), rival.and_then(explanation))
-    {
-        if !first.confounded.is_empty() {
-            lines.push(format!(
-                "this measurement cannot tell {} from {}",
-                first.name,
-                first.confounded.join(", ")
-            ));
+    Ok(())
+}
+
+/// What a rest goes with, if it clearly goes with something.
+fn add_rest(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) -> Result<()> {
+    /// Share of its square from which something is worth naming.
+    const CLEARLY: f64 = 0.4;
+    if !first.has_rest {
+        return Ok(());
+    }
+    if let Some(most) = goes_with(problem, first)?.first().filter(|most| most.share >= CLEARLY) {
+        let name = &problem.observables[most.observable];
+        verdicts.add(
+            "rest-goes-with",
+            &most.what,
+            format!(
+                "what is left of {name} goes with {} ({} % of it), as {} would",
+                most.what,
+                percent(most.share),
+                most.like
+            ),
+        );
+    }
+    Ok(())
+}
+
+/// Where most of a rest is: the observable and the stretch of the control, with a comma before.
+fn rest_places(problem: &Problem<'_>, of: &Explanation) -> String {
+    let rest = crate::attribute::rest::rest(problem, of);
+    rest.map_or_else(String::new, |rest| {
+        let (observable, stretch) = rest.place(problem);
+        format!(
+            ", in {} {}",
+            problem.observables[observable],
+            problem.path.told(&problem.control_name, &stretch)
+        )
+    })
+}
+
+/// How the readings scatter, if otherwise than stated, and which are far off.
+fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
+    let nuisances = first.model(problem).nuisances(first.best());
+    for (j, name) in problem.observables.iter().enumerate() {
+        let scale = nuisances.scales[j];
+        if problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale) {
+            verdicts.add(
+                "noise-scale",
+                scale,
+                format!(
+                    "the readings of {name} scatter {} times what was stated; the verdict is by what they do",
+                    short(scale)
+                ),
+            );
         }
-        if let Some(at) = difference(problem, one, other) {
-            lines.push(format!(
-                "{} and {} differ most in {} at {} from {:.3} to {:.3}, by {:.1} standard deviations of a reading: measure there again, or beyond",
-                one.name,
-                other.name,
-                at.observable,
-                problem.control_name,
-                at.from,
-                at.to,
-                at.height
-            ));
+        if nuisances.phi[j] > CORRELATED {
+            verdicts.add(
+                "noise-correlation",
+                nuisances.phi[j],
+                format!(
+                    "the noise of {name} is correlated from one reading to the next by about {:.1}",
+                    nuisances.phi[j]
+                ),
+            );
         }
     }
-    Ok(lines)
+    let steps = problem.steps();
+    for (j, name) in problem.observables.iter().enumerate() {
+        let own = first.outliers.iter().filter(|i| **i / steps == j);
+        let readings: Vec<String> = own.map(|i| (i % steps).to_string()).collect();
+        let Some((last, others)) = readings.split_last() else { continue };
+        let text = if others.is_empty() {
+            format!("reading {last} of {name} looks like an outlier, and counts for little (the first is 0)")
+        } else {
+            format!(
+                "readings {} and {last} of {name} look like outliers, and count for little (the first is 0)",
+                others.join(", ")
+            )
+        };
+        verdicts.add("outliers", readings.join(","), text);
+    }
+}
+
+/// What comes next, what cannot be told from the first, and what would tell them apart.
+fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let explanations = &diagnosis.attribution.explanations;
+    let (first, of_first) = (&diagnosis.rows[0], diagnosis.first());
+    let probability = diagnosis.probability_of(&of_first.hypothesis);
+    let is_rest_alone = |of: &Explanation| of.has_rest && !of.is_cause();
+    let rival = explanations
+        .iter()
+        .find(|of| of.hypothesis != of_first.hypothesis || is_rest_alone(of) != is_rest_alone(of_first));
+    let is_open = if of_first.is_cause() { probability } else { of_first.probability } < SETTLED;
+    if let (true, Some(rival)) = (is_open, rival) {
+        let own = if is_rest_alone(rival) || rival.hypothesis.is_empty() {
+            rival.probability
+        } else {
+            diagnosis.probability_of(&rival.hypothesis)
+        };
+        verdicts.add(
+            "next",
+            &rival.name,
+            format!(
+                "not settled: next comes {} with probability {own:.2}",
+                if is_rest_alone(rival) { UNEXPLAINED } else { &rival.name }
+            ),
+        );
+    }
+    // The rival that a further measurement should tell from the first: one that it is confounded with, else
+    // the next in line.
+    let confounded =
+        first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
+    let rival = confounded.or(rival.filter(|of| is_open && !is_rest_alone(of)));
+    let Some(rival) = rival.filter(|_| !is_rest_alone(of_first)) else { return };
+    if !first.confounded.is_empty() {
+        verdicts.add(
+            "confounded",
+            first.confounded.join(","),
+            format!("this measurement cannot tell {} from {}", first.name, first.confounded.join(", ")),
+        );
+    }
+    if let Some(at) = difference(problem, of_first, rival) {
+        verdicts.add("measure-at", &at.observable, format!(
+            "{} and {} differ most in {} {}, by {:.1} standard deviations of a reading: measure there again, or beyond",
+            of_first.name,
+            rival.name,
+            at.observable,
+            problem.path.told(&problem.control_name, &at.steps),
+            at.height
+        ));
+    }
 }

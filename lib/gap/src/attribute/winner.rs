@@ -16,9 +16,19 @@ pub fn winning_effects(prior: &Prior, attribution: &Table) -> Result<Vec<String>
     ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
     let hypothesis = attribution.format().column("hypothesis")?;
     let probability = attribution.numbers("probability")?;
-    // Of several that are as probable, the first.
-    let first = (0..probability.len()).rev().max_by(|&a, &b| probability[a].total_cmp(&probability[b]));
-    let name = attribution.field(first.unwrap_or(0), hypothesis);
+    let cause = |row: usize| {
+        let name = attribution.field(row, hypothesis);
+        name.strip_suffix("+unexplained").unwrap_or(name)
+    };
+    // The same effects with a rest and without are one cause. Of several that are as probable, the first.
+    let of_cause = |row: usize| -> f64 {
+        (0..probability.len())
+            .filter(|&other| cause(other) == cause(row))
+            .map(|other| probability[other])
+            .sum()
+    };
+    let first = (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b)));
+    let name = cause(first.unwrap_or(0));
     let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
     Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
 }
@@ -44,6 +54,8 @@ mod tests {
         for rows in ["none 1\n", "unexplained 0.9\nx 0.1\n", "offset(q) 1\n"] {
             assert!(winner(rows).unwrap().is_empty(), "{rows}");
         }
+        // With a rest or without, it is the same cause.
+        assert_eq!(winner("none 0.4\nx 0.3\nx+unexplained 0.3\n").unwrap(), ["x"]);
         assert!(winner("").is_err());
     }
 }

@@ -1,0 +1,133 @@
+//! Whether the measurement pulls a hypothesis that matters beyond the bounds of its parameters.
+
+use anyhow::{Context, Result};
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::model::Meaning;
+use crate::attribute::problem::Problem;
+
+/// A parameter that the measurement pulls beyond a bound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lean {
+    /// Name of the parameter.
+    pub parameter: String,
+    /// The bound, in units of the parameter.
+    pub bound: f64,
+    /// Whether it is the upper one.
+    pub is_upper: bool,
+    /// How far beyond it the fit would go, as a share of the prior's width.
+    pub by: f64,
+    /// The hypothesis.
+    pub hypothesis: String,
+}
+
+/// ln of the density that must be gained beyond the bounds: two standard deviations.
+const GAIN: f64 = 2.0;
+
+/// A hypothesis matters where it would be within this of the first (natural logarithm), had it what it would
+/// gain, and this share of what it is behind, since beyond the runs the gain is a guess.
+const MATTERS: (f64, f64) = (3.0, 0.3);
+
+/// Shares of the prior's width that a fit may go beyond it, and must for it to be said.
+const FURTHEST: f64 = 0.6;
+const LEAST: f64 = 0.02;
+
+const ITERATIONS: usize = 4;
+
+/// The parameters that the measurement pulls beyond their bounds under hypotheses that matter, those of the most
+/// probable hypothesis first, each once.
+///
+/// Beyond the bounds the simulation is extrapolated; that an effect would rather be weaker than its bound is none
+/// of them where it is off on that side, since the hypothesis without it says so.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<Lean>> {
+    let weight = |of: &Explanation| of.probability.max(of.ln_weight.exp());
+    let first = explanations.iter().map(weight).fold(0.0, f64::max).max(f64::MIN_POSITIVE).ln();
+    let mut order: Vec<&Explanation> = explanations.iter().filter(|of| of.ln_weight.is_finite()).collect();
+    order.sort_by(|a, b| b.ln_weight.total_cmp(&a.ln_weight));
+    let mut found: Vec<Lean> = Vec::new();
+    for of in order {
+        let (gain, more) = beyond(problem, of)?;
+        let behind = (first - of.ln_weight).max(0.0);
+        if gain > GAIN && gain > (1.0 - MATTERS.1) * behind - MATTERS.0 {
+            found.extend(more);
+        }
+    }
+    let mut leans: Vec<Lean> = Vec::new();
+    for lean in found {
+        if !leans.iter().any(|other| (&other.parameter, other.is_upper) == (&lean.parameter, lean.is_upper)) {
+            leans.push(lean);
+        }
+    }
+    Ok(leans)
+}
+
+/// What the density gains when a hypothesis may go beyond its bounds, and where it goes then.
+fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
+    let model = of.model(problem);
+    let w = of.best();
+    let free = model.simulated_parameters();
+    let predictor = problem.predictor;
+    let curve = model.curve(w);
+    let start = model.point(w);
+    let measure = |point: &[f64]| -> DVector<f64> {
+        let mean = model.measured_at(point, w);
+        DVector::from_vec(model.residual(&mean))
+    };
+    let square = |residual: &DVector<f64>| -> Result<f64> {
+        let column = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
+        model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&column).dot(&column))
+    };
+    let (mut point, mut residual) = (start.clone(), measure(&start));
+    let before = square(&residual)?;
+    let mut lowest = before;
+    for _ in 0..ITERATIONS {
+        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let slopes = DMatrix::from_fn(residual.len(), free.len(), |i, k| by_coordinate[(i, free[k])]);
+        let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&slopes))?;
+        let mut information = slopes.tr_mul(&solved);
+        for k in 0..free.len() {
+            information[(k, k)] += 1.0;
+        }
+        let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
+        let mut step = factor.solve(&solved.tr_mul(&residual));
+        // As far as it helps: a long step beyond the runs is a guess.
+        let mut is_better = false;
+        for _ in 0..3 {
+            let mut next = point.clone();
+            for (&j, step) in free.iter().zip(step.iter()) {
+                next[j] = (next[j] + step).clamp(-FURTHEST, 1.0 + FURTHEST);
+            }
+            let there = measure(&next);
+            let value = square(&there)?;
+            if value < lowest {
+                (point, residual, lowest) = (next, there, value);
+                is_better = true;
+                break;
+            }
+            step *= 0.4;
+        }
+        if !is_better {
+            break;
+        }
+    }
+    let gain = 0.5 * (before - lowest);
+    let leans = model.meanings().into_iter().filter_map(|meaning| {
+        let Meaning::Parameter(j) = meaning else { return None };
+        let parameter = &problem.prior.parameters()[j];
+        let (by, is_upper) = if point[j] > 0.5 { (point[j] - 1.0, true) } else { (-point[j], false) };
+        let off = parameter.off.map(|off| parameter.coordinate(off));
+        let is_towards_off = off.is_some_and(|off| if is_upper { off >= 1.0 } else { off <= 0.0 });
+        (by > LEAST && !is_towards_off).then(|| Lean {
+            parameter: parameter.name.clone(),
+            bound: if is_upper { parameter.upper } else { parameter.lower },
+            is_upper,
+            by,
+            hypothesis: of.name.clone(),
+        })
+    });
+    Ok((gain, leans.collect()))
+}

@@ -1,0 +1,202 @@
+//! What is left of a measurement beside the effects that are in: the rest, and what it goes with.
+
+use std::ops::Range;
+
+use anyhow::Result;
+use nalgebra::DMatrix;
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::closure::absorb;
+use crate::attribute::problem::Problem;
+
+/// What is left over, as smooth as the rest is taken to be.
+#[derive(Clone, Debug)]
+pub struct Rest {
+    /// Measured minus predicted, without what is noise, shape (observables · steps).
+    pub curve: Vec<f64>,
+    /// Standard deviation of noise and scatter of each observable.
+    pub spread: Vec<f64>,
+}
+
+/// The rest of an explanation that has one.
+pub fn rest(problem: &Problem<'_>, of: &Explanation) -> Option<Rest> {
+    if !of.has_rest {
+        return None;
+    }
+    let model = of.model(problem);
+    let w = of.best();
+    let residual = model.residual(&of.evidence.mean);
+    let scales = model.nuisances(w).scales;
+    let spread = (0..problem.ranges.len()).map(|j| problem.spread(j, &scales)).collect();
+    // E[rest | measurement] = residual less what noise, scatter and the emulator make of it.
+    let plain = model.plain();
+    let variance = model.curve(w).variance;
+    let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
+    let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&column)).ok()?;
+    let own = &w[..plain.len()];
+    let errors = problem.emulator_errors(&variance);
+    let nuisances = plain.nuisances(own);
+    let others = problem.measurement_errors(&nuisances.scales);
+    let made = &errors * errors.tr_mul(&solved) + &others * others.tr_mul(&solved);
+    let curve = residual.iter().zip(made.iter()).map(|(r, made)| r - made).collect();
+    Some(Rest { curve, spread })
+}
+
+impl Rest {
+    /// The observable and the steps where most of it is, for the noise there: the shortest stretch that holds
+    /// four fifths of its square in the observable with the most.
+    pub fn place(&self, problem: &Problem<'_>) -> (usize, Range<usize>) {
+        let steps = problem.steps();
+        let square = |j: usize, t: usize| (self.curve[j * steps + t] / self.spread[j]).powi(2);
+        let sum = |j: usize| (0..steps).map(|t| square(j, t)).sum::<f64>();
+        let most = (0..self.spread.len()).max_by(|&a, &b| sum(a).total_cmp(&sum(b))).unwrap_or(0);
+        let wanted = 0.8 * sum(most);
+        let mut best = 0..steps;
+        let (mut start, mut held) = (0, 0.0);
+        for end in 0..steps {
+            held += square(most, end);
+            while start < end && held - square(most, start) >= wanted {
+                held -= square(most, start);
+                start += 1;
+            }
+            if held >= wanted && end + 1 - start < best.len() {
+                best = start..end + 1;
+            }
+        }
+        (most, best)
+    }
+}
+
+/// Something that a rest may go with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GoesWith {
+    /// The observable whose rest it is.
+    pub observable: usize,
+    /// What it goes with.
+    pub what: String,
+    /// Share of its square, in the metric of noise and scatter.
+    pub share: f64,
+    /// Its size in standard deviations of noise and scatter, with its sign.
+    pub z: f64,
+    /// Physical effects that behave so.
+    pub like: &'static str,
+}
+
+/// How fast what belongs to a turning point, the start or the end of a test fades, as a share of the way.
+const FADES: f64 = 0.1;
+
+/// What is left of each observable beside an explanation, against what it may go with, each for itself, the
+/// largest share first. What the parameters can absorb is taken out of both.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn goes_with(problem: &Problem<'_>, of: &Explanation) -> Result<Vec<GoesWith>> {
+    let model = of.model(problem).plain();
+    let w = &of.best()[..model.len()];
+    let (mean, slopes) = model.gradient(w);
+    let residual = model.residual(&mean);
+    let (readings, steps) = (residual.len(), problem.steps());
+    let none = vec![0.0; problem.predictor.basis().ncols()];
+    let mut all = Vec::new();
+    for j in 0..problem.ranges.len() {
+        let shapes = shapes(problem, &mean, j);
+        let own = j * steps..(j + 1) * steps;
+        let mut columns = DMatrix::zeros(readings, 1 + shapes.len());
+        for i in own.clone().filter(|i| !of.outliers.contains(i)) {
+            columns[(i, 0)] = residual[i];
+            for (k, shape) in shapes.iter().enumerate() {
+                columns[(i, k + 1)] = shape.curve[i - own.start];
+            }
+        }
+        absorb(&model, w, &slopes, &mut columns)?;
+        let solved = model.with_covariance(w, &none, |covariance| covariance.solve(&columns))?;
+        let products = columns.tr_mul(&solved);
+        for (k, Shape { what, like, .. }) in shapes.into_iter().enumerate() {
+            let (own, cross) = (products[(k + 1, k + 1)], products[(0, k + 1)]);
+            let size: f64 = columns.column(k + 1).norm_squared();
+            if size > 1e-12 && own > 0.0 && products[(0, 0)] > 0.0 {
+                let share = cross * cross / (own * products[(0, 0)]);
+                all.push(GoesWith { observable: j, what, share, z: cross / own.sqrt(), like });
+            }
+        }
+    }
+    all.sort_by(|a, b| b.share.total_cmp(&a.share));
+    Ok(all)
+}
+
+/// A shape along the control, of root mean square 1.
+struct Shape {
+    what: String,
+    curve: Vec<f64>,
+    like: &'static str,
+}
+
+/// What a rest of an observable may go with.
+fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> {
+    let steps = problem.steps();
+    let path = &problem.path;
+    let control = path.control();
+    let last = steps.saturating_sub(1);
+    let travelled = path.travelled();
+    let turns = path.turns();
+    let mut shapes: Vec<Shape> = Vec::new();
+    let mut add = |what: &str, like: &'static str, curve: Vec<f64>| {
+        let rms = (curve.iter().map(|y| y * y).sum::<f64>() / steps as f64).sqrt();
+        if rms > 0.0 && rms.is_finite() {
+            let curve = curve.iter().map(|y| y / rms).collect();
+            shapes.push(Shape { what: what.to_owned(), curve, like });
+        }
+    };
+    add("no change (a constant)", "an offset of the sensor", vec![1.0; steps]);
+    let since_start = |t: usize| (-travelled[t] / FADES).exp();
+    add("the start", "bedding, uneven ends or a late zero", (0..steps).map(since_start).collect());
+    let to_end = |t: usize| (-(1.0 - travelled[t]) / FADES).exp();
+    add("the end", "breakage of grains, a membrane or a drift", (0..steps).map(to_end).collect());
+    if !turns.is_empty() {
+        let way =
+            |t: usize| if control[(t + 1).min(last)] >= control[(t + 1).min(last) - 1] { 1.0 } else { -1.0 };
+        add(
+            "the branch (rising or falling)",
+            "plasticity of contacts, or friction of walls or piston,",
+            (0..steps).map(way).collect(),
+        );
+        let since_turn = |t: usize| {
+            let turn = turns.iter().rev().find(|turn| **turn <= t).copied().unwrap_or(0);
+            (-(travelled[t] - travelled[turn]) / FADES).exp()
+        };
+        add(
+            "the way since the last turn",
+            "friction that reverses, play of the rig or rolling resistance",
+            (0..steps).map(since_turn).collect(),
+        );
+    }
+    let own = &mean[observable * steps..(observable + 1) * steps];
+    let rate = |t: usize| {
+        let (before, after) = (t.saturating_sub(1), (t + 1).min(last));
+        let way = travelled[after] - travelled[before];
+        if way > 0.0 { (own[after] - own[before]) / way } else { 0.0 }
+    };
+    add(
+        "the rate of its own change",
+        "a lag of the recording or viscous damping",
+        (0..steps).map(rate).collect(),
+    );
+    for (k, name) in problem.observables.iter().enumerate() {
+        let level = &mean[k * steps..(k + 1) * steps];
+        add(
+            &format!("the level of {name}"),
+            "a gain of the sensor, a compliance or adhesion",
+            level.to_vec(),
+        );
+        let most = level.iter().scan(f64::NEG_INFINITY, |most, y| {
+            *most = most.max(*y);
+            Some(*most)
+        });
+        add(
+            &format!("the maximum of {name} so far"),
+            "plasticity of contacts or breakage of grains",
+            most.collect(),
+        );
+    }
+    shapes
+}

@@ -1,0 +1,52 @@
+//! Whether a candidate can show at all.
+
+use anyhow::Result;
+use nalgebra::DMatrix;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::attribute::closure::absorb;
+use crate::attribute::mode::standard_normal;
+use crate::attribute::model::Model;
+use crate::attribute::problem::Problem;
+
+/// What a candidate adds to the curve and the base parameters cannot absorb must be so many standard
+/// deviations of noise and scatter in all, somewhere in its prior.
+const SEEN: f64 = 2.0;
+
+/// Points of the prior that are tried.
+const TRIED: usize = 40;
+
+/// For each candidate whether there is a place in its prior at which the measurement could show it. What
+/// cannot be seen is no candidate: it would take a share of the prior from those that can.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
+    let base = problem.prior.base().len();
+    let see = |candidate: usize| -> Result<bool> {
+        let model = Model::new(problem, &[candidate], false);
+        let plain = Model::new(problem, &[], false);
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for _ in 0..TRIED {
+            let mut w = vec![0.0; model.len()];
+            w[..model.curve_parameters()].iter_mut().for_each(|w| *w = standard_normal(&mut random));
+            // A measured noise may be half of the one that is stated, an unknown one a hundredth of the range.
+            let scale = if problem.is_noise_stated { -1.4 } else { 0.1 };
+            w[model.curve_parameters()..][..problem.ranges.len()].fill(scale);
+            w[model.curve_parameters() + problem.ranges.len()..].fill(-3.0);
+            let mut of_base = w[..base].to_vec();
+            of_base.extend(&w[model.curve_parameters()..]);
+            let (_, slopes) = plain.gradient(&of_base);
+            let mut added = DMatrix::from_vec(problem.observed.len(), 1, model.added(&w));
+            absorb(&plain, &of_base, &slopes, &mut added)?;
+            let none = vec![0.0; problem.predictor.basis().ncols()];
+            let solved = plain.with_covariance(&of_base, &none, |covariance| covariance.solve(&added))?;
+            if added.dot(&solved) > SEEN * SEEN {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    };
+    (0..problem.candidates.len()).map(see).collect()
+}

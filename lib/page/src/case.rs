@@ -1,0 +1,104 @@
+//! A case as a page needs it: how its columns, noise and units are given to the tools.
+
+use std::fmt::Display;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Context, Result};
+use gl_case::{Case as Settled, Column, Engine, Settings};
+use gl_inference::prior::Prior;
+
+use crate::tools::Call;
+
+/// A case and how it was run.
+#[derive(Debug)]
+pub struct Case {
+    /// Its folder, as it was given.
+    pub folder: PathBuf,
+    /// The file that describes it.
+    pub file: PathBuf,
+    /// The table of parameters, and where it is.
+    pub prior: Prior,
+    pub params: PathBuf,
+    /// The measurement.
+    pub obs: PathBuf,
+    /// Name of the control in the measurement.
+    pub control: String,
+    /// Names of the observables in the measurement.
+    pub observables: Vec<String>,
+    /// `NAME=SD,…`, or nothing where it is estimated.
+    pub noise: String,
+    /// `NAME=UNIT,…`
+    pub units: String,
+    /// `NAME=VALUE,…`
+    pub truth: String,
+    /// Steps that calibration saw, `A:B`, or nothing for all.
+    pub steps: String,
+    pub seed: u64,
+    /// What made the runs.
+    pub engine: Engine,
+    /// What was set in the call, each `KEY=VALUE`.
+    pub given: Vec<String>,
+}
+
+impl Case {
+    /// Read the case, with the settings that `out` was made with, and those in `given`.
+    ///
+    /// # Errors
+    /// If one of its files cannot be read or is of no use, or it has no measurement.
+    pub fn read(folder: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Self> {
+        let settings = match Settings::read(out)? {
+            None => Settings::read(&out.join("base"))?,
+            settings => settings,
+        };
+        let mut kept = settings.as_ref().map(|settings| settings.given.clone()).unwrap_or_default();
+        kept.extend(given.iter().filter(|setting| !kept.contains(setting)).cloned().collect::<Vec<_>>());
+        let given = kept;
+        let case = Settled::load(folder, &given)?;
+        let engine =
+            match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
+                Some(engine) => engine,
+                None => case.engine(None)?.0,
+            };
+        let test =
+            case.tests.first().with_context(|| format!("{}: no measurement", case.file().display()))?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            file: case.file(),
+            prior: Prior::read(&case.params())?,
+            params: case.params(),
+            obs: test.obs.clone(),
+            control: test.control.measured.clone(),
+            observables: test.observables.iter().map(|Column { measured, .. }| measured.clone()).collect(),
+            noise: by_name(&test.noise),
+            units: by_name(&case.units),
+            truth: by_name(&case.truth),
+            steps: test.steps.clone().unwrap_or_default(),
+            seed: case.seed,
+            engine,
+            given,
+        })
+    }
+
+    /// Name of its folder.
+    pub fn name(&self) -> String {
+        let folder = fs::canonicalize(&self.folder).unwrap_or_else(|_| self.folder.clone());
+        folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    /// A call with the measurement, its control and the noise.
+    pub fn control_and_noise(&self, call: Call) -> Call {
+        call.file("-b", &self.obs).option("-c", &self.control).option("--noise", &self.noise)
+    }
+
+    /// A call with the measurement, all its columns and the noise.
+    pub fn columns(&self, call: Call) -> Call {
+        self.control_and_noise(call).option("-v", &self.observables.join(","))
+    }
+}
+
+/// `NAME=VALUE,…`
+fn by_name<T: Display>(pairs: &[(String, T)]) -> String {
+    pairs.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",")
+}

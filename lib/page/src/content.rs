@@ -1,0 +1,485 @@
+//! What a page says, gathered from the tables.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use gl_table::Table;
+use serde::Serialize;
+
+use crate::calibration::{Calibration, Standing, side_by_side};
+use crate::case::Case;
+use crate::grid::Grid;
+use crate::pictures::{self, Picture};
+use crate::tools::{Call, quoted};
+use crate::verdict::{self, Sentence};
+use crate::{rows, text};
+
+/// Everything on a page, in its order.
+#[derive(Debug, Serialize)]
+pub struct Content {
+    name: String,
+    /// Where the tables are.
+    folder: String,
+    is_diagnosis: bool,
+    /// What answers the question of a diagnosis.
+    answer: Option<Sentence>,
+    /// What was concluded, in the order of the tools.
+    conclusions: Vec<String>,
+    /// What speaks against trusting it.
+    doubts: Vec<String>,
+    /// Runs by what they were made for.
+    runs: Vec<Runs>,
+    case: About,
+    base: Stage,
+    gap: Option<Gap>,
+    cause: Option<Cause>,
+    closed: Option<Closed>,
+    failed: Failed,
+    again: Again,
+}
+
+/// How many runs something took.
+#[derive(Debug, Serialize)]
+struct Runs {
+    what: String,
+    made: usize,
+    failed: usize,
+}
+
+/// What was calibrated.
+#[derive(Debug, Serialize)]
+struct About {
+    /// The first paragraph of its README.
+    about: Option<String>,
+    control: String,
+    observables: Vec<String>,
+    steps: usize,
+    noise: String,
+    params: Grid,
+    /// Parameters of effects that were off.
+    off: Vec<String>,
+    file: String,
+    text: String,
+    checksums: Grid,
+}
+
+/// A calibration: of the base model, or with an effect in.
+#[derive(Debug, Serialize)]
+struct Stage {
+    folder: String,
+    standing: Standing,
+    verdict: Vec<Sentence>,
+    course: Grid,
+    criteria: Grid,
+    posterior: Grid,
+    fit: Picture,
+    pictures: Vec<Picture>,
+}
+
+#[derive(Debug, Serialize)]
+struct Gap {
+    verdict: Vec<Sentence>,
+    picture: Picture,
+    stretches: Grid,
+}
+
+#[derive(Debug, Serialize)]
+struct Cause {
+    verdict: Vec<Sentence>,
+    picture: Picture,
+    design_runs: usize,
+    hypotheses: usize,
+    first: Grid,
+    effects: Grid,
+    emulator: Picture,
+}
+
+#[derive(Debug, Serialize)]
+struct Closed {
+    /// What was put in; empty if nothing explains the gap.
+    with: String,
+    measured: Option<Measured>,
+}
+
+#[derive(Debug, Serialize)]
+struct Measured {
+    verdict: Vec<Sentence>,
+    shrink: Grid,
+    unseen: Option<Unseen>,
+    side_by_side: Grid,
+    stage: Stage,
+}
+
+/// The gap on steps that calibration did not see.
+#[derive(Debug, Serialize)]
+struct Unseen {
+    seen: String,
+    verdict: Vec<Sentence>,
+    shrink: Grid,
+}
+
+#[derive(Debug, Serialize)]
+struct Failed {
+    count: usize,
+    /// How many for each reason, the most frequent first.
+    reasons: Vec<(usize, String)>,
+    first: Grid,
+}
+
+#[derive(Debug, Serialize)]
+struct Again {
+    command: String,
+    engine: String,
+    seed: String,
+    version: &'static str,
+}
+
+/// Hypotheses and failed runs that a page lists.
+const MOST_HYPOTHESES: usize = 8;
+const MOST_FAILED: usize = 50;
+
+impl Content {
+    /// Read what there is.
+    ///
+    /// # Errors
+    /// If a table cannot be read, or a picture cannot be drawn.
+    pub fn gather(case: &Case, out: &Path, base: &Path) -> Result<Self> {
+        let is_diagnosis = out != base;
+        let base = Calibration::read(base)?;
+        let with = winner(out)?;
+        let after = match &with {
+            Some(with) if !with.is_empty() => Some(Calibration::read(&out.join(format!("after-{with}")))?),
+            _ => None,
+        };
+        let gap = Gap::gather(case, out, &base, after.as_ref())?;
+        let cause = Cause::gather(case, out)?;
+        let closed = Closed::gather(case, out, &base, with.as_deref(), after.as_ref())?;
+        let base_stage = Stage::gather(
+            case,
+            &base,
+            "The measurement, the posterior’s mean and 90 % band, and what is left over.",
+        )?;
+        let failed = Failed::gather(&base, after.as_ref(), out)?;
+        let mut content = Self {
+            name: case.name(),
+            folder: out.display().to_string(),
+            is_diagnosis,
+            answer: None,
+            conclusions: Vec::new(),
+            doubts: Vec::new(),
+            runs: runs(&base_stage, closed.as_ref(), out)?,
+            case: About::gather(case, &base)?,
+            gap,
+            cause,
+            closed,
+            failed,
+            again: Again::gather(case, out, is_diagnosis, &base),
+            base: base_stage,
+        };
+        content.conclude();
+        Ok(content)
+    }
+
+    /// Sort the verdicts into what is concluded and what is doubtful.
+    fn conclude(&mut self) {
+        let measured = self.closed.as_ref().and_then(|closed| closed.measured.as_ref());
+        let of_gap = self.gap.iter().flat_map(|gap| &gap.verdict);
+        let of_cause = self.cause.iter().flat_map(|cause| &cause.verdict);
+        let of_shrink = measured.iter().flat_map(|measured| &measured.verdict);
+        let of_unseen = measured
+            .iter()
+            .filter_map(|measured| measured.unseen.as_ref())
+            .flat_map(|unseen| &unseen.verdict);
+        let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
+        let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
+        let say = |sentence: &&Sentence| sentence.text.clone();
+        self.answer = all.iter().find(|sentence| verdict::is_answer(&sentence.code)).copied().cloned();
+        self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
+        self.doubts = all.iter().filter(is_doubt).map(say).collect();
+        self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model")));
+        if let (Some(measured), Some(closed)) = (measured, &self.closed) {
+            let doubts = measured.stage.doubts(Some(&format!("the model with {}", closed.with)));
+            self.doubts.extend(doubts);
+        }
+    }
+}
+
+impl Stage {
+    fn gather(case: &Case, calibration: &Calibration, caption: &str) -> Result<Self> {
+        Ok(Self {
+            folder: calibration.folder.display().to_string(),
+            standing: calibration.standing()?,
+            verdict: calibration.verdict.clone(),
+            course: calibration.course()?,
+            criteria: calibration.criteria()?,
+            posterior: calibration.posterior(&case.prior)?,
+            fit: calibration.fit(case, caption)?,
+            pictures: calibration.pictures(case)?,
+        })
+    }
+
+    /// What speaks against trusting this calibration, that of `whose` model where there are several.
+    fn doubts(&self, whose: Option<&str>) -> Vec<String> {
+        let of = whose.map(|whose| format!(" of {whose}")).unwrap_or_default();
+        let mut doubts = Vec::new();
+        if let Some(times) = &self.standing.tempering {
+            doubts.push(format!(
+                "The calibration{of} is not at its end: sigma is still {times} times that of the noise."
+            ));
+        }
+        if self.standing.rests_on_few {
+            doubts.push(format!(
+                "The posterior{of} rests on {} runs, which is few: the means are rough, the intervals widened.",
+                self.standing.ess_runs
+            ));
+        }
+        // These two are said above; what misfits is what a diagnosis is for.
+        let is_said = |code: &str| matches!(code, "sigma-above-noise" | "few-runs");
+        let is_expected = |code: &str| whose == Some("the base model") && code == "bad-fit";
+        let own = self.verdict.iter().filter(|row| verdict::is_doubt(&row.code));
+        let own = own.filter(|row| !is_said(&row.code) && !is_expected(&row.code));
+        doubts.extend(own.map(|row| match whose {
+            Some(whose) => format!("In {whose}: {}", row.text),
+            None => row.text.clone(),
+        }));
+        doubts
+    }
+}
+
+impl About {
+    fn gather(case: &Case, base: &Calibration) -> Result<Self> {
+        let checksum = |path: &Path| {
+            let bytes = gl_table::read_bytes(path)?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Ok(vec![name, bytes.len().to_string(), cksum(&bytes).to_string()])
+        };
+        let files = [case.file.clone(), case.params.clone(), case.obs.clone()];
+        let checksums = files.iter().map(|path| checksum(path)).collect::<Result<Vec<_>>>()?;
+        Ok(Self {
+            about: text(&case.folder.join("README.md")).ok().and_then(|readme| first_paragraph(&readme)),
+            control: case.control.clone(),
+            observables: case.observables.clone(),
+            steps: rows(&case.obs)?,
+            noise: case.noise.replace(',', ", "),
+            params: Grid::read(&case.params, usize::MAX)?,
+            off: base.still(),
+            file: case.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            text: text(&case.file)?,
+            checksums: Grid::new(["file", "bytes", "checksum (cksum)"], checksums),
+        })
+    }
+}
+
+impl Gap {
+    fn gather(
+        case: &Case,
+        out: &Path,
+        base: &Calibration,
+        after: Option<&Calibration>,
+    ) -> Result<Option<Self>> {
+        let table = out.join("locate.txt");
+        if !table.exists() {
+            return Ok(None);
+        }
+        let work = tempfile::tempdir()?;
+        let located = work.path().join("locate.txt");
+        if let Some(after) = after {
+            let call = case.columns(Call::new("gl-gap-locate"));
+            let call = call.file("-w", &after.weights_of_runs()).file("-o", &located);
+            call.with([after.file("ensemble.txt").display().to_string()]).output()?;
+        }
+        Ok(Some(Self {
+            verdict: verdict::read(&out.join("locate-verdict.txt"))?,
+            picture: pictures::gap(case, &table, base, after.map(|after| (located.as_path(), after)))?,
+            stretches: Grid::read(&table, usize::MAX)?.only("significant", "yes").without("significant"),
+        }))
+    }
+}
+
+impl Cause {
+    fn gather(case: &Case, out: &Path) -> Result<Option<Self>> {
+        let hypotheses = out.join("attribution.txt");
+        if !hypotheses.exists() {
+            return Ok(None);
+        }
+        let design = out.join("design");
+        let work = tempfile::tempdir()?;
+        let left_out = work.path().join("left-out.txt");
+        let call = Call::new("gl-emulate")
+            .file("-p", &design.join("params.txt"))
+            .file("-s", &design.join("samples.txt"))
+            .option("-c", &case.control)
+            .option("-v", &case.observables.join(","))
+            .with(["--leave-one-out"])
+            .file("-o", &left_out);
+        let runs = design.join("ensemble.txt");
+        call.with([runs.display().to_string()]).output()?;
+        Ok(Some(Self {
+            verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
+            picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
+            design_runs: rows(&design.join("samples.txt"))?,
+            hypotheses: rows(&hypotheses)?,
+            first: Grid::read(&hypotheses, MOST_HYPOTHESES)?,
+            effects: Grid::read(&out.join("effects.txt"), usize::MAX)?,
+            emulator: pictures::emulator(case, &runs, &left_out)?,
+        }))
+    }
+}
+
+impl Closed {
+    fn gather(
+        case: &Case,
+        out: &Path,
+        base: &Calibration,
+        with: Option<&str>,
+        after: Option<&Calibration>,
+    ) -> Result<Option<Self>> {
+        let table = out.join("shrink.txt");
+        let (Some(with), true) = (with, table.exists()) else { return Ok(None) };
+        let with = with.replace(',', " and ");
+        let Some(after) = after else { return Ok(Some(Self { with, measured: None })) };
+        let unseen = out.join("shrink-unseen.txt");
+        let unseen = if unseen.exists() {
+            Some(Unseen {
+                seen: case.steps.clone(),
+                verdict: verdict::read(&out.join("shrink-unseen-verdict.txt"))?,
+                shrink: Grid::read(&unseen, usize::MAX)?,
+            })
+        } else {
+            None
+        };
+        let measured = Measured {
+            verdict: verdict::read(&out.join("shrink-verdict.txt"))?,
+            shrink: Grid::read(&table, usize::MAX)?,
+            unseen,
+            side_by_side: side_by_side(base, after, &case.prior, &with)?,
+            stage: Stage::gather(case, after, &format!("The fit with {with} in."))?,
+        };
+        Ok(Some(Self { with, measured: Some(measured) }))
+    }
+}
+
+impl Failed {
+    fn gather(base: &Calibration, after: Option<&Calibration>, out: &Path) -> Result<Self> {
+        let iterations = base.iterations.iter().chain(after.iter().flat_map(|after| &after.iterations));
+        let design = out.join("design");
+        let mut failed = Vec::new();
+        for folder in iterations.chain([&design]) {
+            failed.extend(failed_runs(&folder.join("status.txt"))?);
+        }
+        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+        for row in &failed {
+            *counts.entry(&row[1]).or_default() += 1;
+        }
+        let mut reasons: Vec<(usize, String)> =
+            counts.into_iter().map(|(reason, count)| (count, reason.to_owned())).collect();
+        reasons.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
+        let count = failed.len();
+        failed.truncate(MOST_FAILED);
+        Ok(Self { count, reasons, first: Grid::new(["run", "status", "detail"], failed) })
+    }
+}
+
+/// Name, status and detail of the runs that a status table leaves out; none where there is no table.
+fn failed_runs(path: &Path) -> Result<Vec<Vec<String>>> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let table = Table::read(path)?;
+    let columns = ["sample", "status", "detail"].map(|name| table.format().column(name));
+    let columns = columns.into_iter().collect::<Result<Vec<_>>>()?;
+    let row =
+        |row: usize| columns.iter().map(|&column| table.field(row, column).to_owned()).collect::<Vec<_>>();
+    Ok((0..table.len()).map(row).filter(|row| row[1] != "ok").collect())
+}
+
+impl Again {
+    fn gather(case: &Case, out: &Path, is_diagnosis: bool, base: &Calibration) -> Self {
+        let word = |path: &Path| quoted(&path.display().to_string());
+        let mut command = vec![if is_diagnosis { "gl-diagnose" } else { "gl-calibrate" }.to_owned()];
+        command.extend([
+            word(&case.folder),
+            "--engine".to_owned(),
+            case.engine.to_string(),
+            "--out".to_owned(),
+            word(out),
+        ]);
+        command.extend(case.given.iter().map(|setting| quoted(setting)));
+        // Where no criterion ended it, the number of iterations did.
+        let is_given = case.given.iter().any(|setting| setting.to_lowercase().starts_with("iterations="));
+        if !base.is_done && !is_given {
+            command.push(format!("iterations={}", base.iterations.len()));
+        }
+        Self {
+            command: command.join(" "),
+            engine: case.engine.to_string(),
+            seed: case.seed.to_string(),
+            version: env!("CARGO_PKG_VERSION"),
+        }
+    }
+}
+
+/// How many runs each part took.
+fn runs(base: &Stage, closed: Option<&Closed>, out: &Path) -> Result<Vec<Runs>> {
+    let of = |what: &str, standing: &Standing| Runs {
+        what: what.to_owned(),
+        made: standing.runs,
+        failed: standing.failed,
+    };
+    let mut runs = vec![of("calibration", &base.standing)];
+    let design: PathBuf = out.join("design");
+    if design.join("samples.txt").exists() {
+        let failed = failed_runs(&design.join("status.txt"))?.len();
+        runs.push(Runs { what: "design".to_owned(), made: rows(&design.join("samples.txt"))?, failed });
+    }
+    if let Some((closed, measured)) = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?))) {
+        runs.push(of(&format!("with {}", closed.with), &measured.stage.standing));
+    }
+    Ok(runs)
+}
+
+/// The effects that were put in: nothing where none explains the gap, `None` before that is known.
+fn winner(out: &Path) -> Result<Option<String>> {
+    let path = out.join("winner.txt");
+    if path.exists() { Ok(Some(text(&path)?.trim().to_owned())) } else { Ok(None) }
+}
+
+/// The first paragraph of a Markdown text that is no heading, table or code.
+fn first_paragraph(markdown: &str) -> Option<String> {
+    let is_prose = |line: &&str| !line.starts_with(['#', '|']) && !line.starts_with("    ");
+    let lines = markdown.lines().skip_while(|line| line.trim().is_empty() || !is_prose(line));
+    let paragraph: Vec<&str> = lines.take_while(|line| !line.trim().is_empty() && is_prose(line)).collect();
+    (!paragraph.is_empty()).then(|| paragraph.join(" ").replace('`', ""))
+}
+
+/// The checksum of POSIX `cksum`: the CRC of the bytes and then of their number, lowest byte first.
+fn cksum(bytes: &[u8]) -> u32 {
+    let length = bytes.len() as u64;
+    let used = (8 - length.leading_zeros() as usize / 8).min(8);
+    let each = bytes.iter().copied().chain(length.to_le_bytes().into_iter().take(used));
+    let crc = each.fold(0_u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(byte) << 24, |crc, _| {
+            if crc & 0x8000_0000 == 0 { crc << 1 } else { crc << 1 ^ 0x04c1_1db7 }
+        })
+    });
+    !crc
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_paragraph_is_neither_heading_nor_table() {
+        let markdown = "# Title\n\n| a |\n\nTwo `spheres`\ncollide.\n\nMore.\n";
+        assert_eq!(first_paragraph(markdown).unwrap(), "Two spheres collide.");
+        assert_eq!(first_paragraph("# Title\n"), None);
+    }
+
+    #[test]
+    fn the_checksum_is_that_of_cksum() {
+        // printf '' | cksum; printf 123456789 | cksum (coreutils 9.4)
+        assert_eq!([cksum(b""), cksum(b"123456789")], [4_294_967_295, 930_766_865]);
+    }
+}

@@ -1,0 +1,113 @@
+//! Verdicts of the tools, as sentences. What a verdict means is told by its code alone.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use gl_table::verdict::Verdicts;
+use serde::Serialize;
+
+/// A row of a verdict table.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Sentence {
+    /// What it says, for programs.
+    pub code: String,
+    /// The number or name that it is about.
+    pub value: String,
+    /// What it says, for readers, with a capital and a full stop.
+    pub text: String,
+}
+
+/// The rows of a verdict table in their order; none where there is no such file.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn read(path: &Path) -> Result<Vec<Sentence>> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let sentence = |row: &gl_table::verdict::Verdict| Sentence {
+        code: row.code.clone(),
+        value: row.value.clone(),
+        text: sentence(&row.text, &row.value),
+    };
+    Ok(Verdicts::read(path)?.rows.iter().map(sentence).collect())
+}
+
+/// The rows of several tables, each that several have once.
+///
+/// # Errors
+/// See [`read`].
+pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Sentence>> {
+    let mut all: Vec<Sentence> = Vec::new();
+    for path in paths {
+        for row in read(path)? {
+            if !all.iter().any(|known| (&known.code, &known.value) == (&row.code, &row.value)) {
+                all.push(row);
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// With a capital, unless it begins with the name that it is about, and a full stop.
+fn sentence(text: &str, name: &str) -> String {
+    let text = text.trim().trim_end_matches('.');
+    let begins_with_name = text.split(' ').next() == Some(name);
+    let mut letters = text.chars();
+    match letters.next() {
+        Some(first) if !begins_with_name => format!("{}{}.", first.to_uppercase(), letters.as_str()),
+        Some(_) => format!("{text}."),
+        None => String::new(),
+    }
+}
+
+/// Whether a code says that something is to be doubted.
+pub fn is_doubt(code: &str) -> bool {
+    DOUBTS.contains(&code)
+}
+
+/// What a reader should know before trusting the rest.
+const DOUBTS: &[&str] = &[
+    // of gl-check-stop and gl-filter
+    "single-sample",
+    "sigma-above-noise",
+    "bad-fit",
+    "few-runs",
+    "blind",
+    "leans",
+    // of gl-posterior
+    "emulator-unfit",
+    "emulator-ignorant",
+    "noise-too-small",
+    "noise-too-large",
+    // of gl-gap-attribute
+    "base-fits",
+    "next",
+    "confounded",
+    "emulator",
+    // of all that ask for the noise
+    "noise-scale",
+    "outliers",
+    // of gl-gap-locate and gl-gap-shrink
+    "alternates",
+    "grows",
+];
+
+/// Whether a code answers what a diagnosis was asked, so that it is said first.
+pub fn is_answer(code: &str) -> bool {
+    ANSWERS.contains(&code)
+}
+
+const ANSWERS: &[&str] = &["cause", "cause-with-rest", "unsettled", "unexplained", "none"];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sentence_has_a_capital_unless_it_begins_with_a_name() {
+        assert_eq!(sentence("the fit is bad", "0.2"), "The fit is bad.");
+        assert_eq!(sentence("nu leans on its upper bound", "nu"), "nu leans on its upper bound.");
+        assert_eq!(sentence("The gap closes.", "all"), "The gap closes.");
+    }
+}

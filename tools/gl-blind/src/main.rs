@@ -1,0 +1,136 @@
+//! Hide a truth in a measurement, to see whether a diagnosis finds it.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Parser, Subcommand};
+use gl_gap::blind::{Measurement, effects_of, first_hypothesis, hidden, strengths, truth};
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::ByName;
+use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
+use gl_table::{Table, TableWriter};
+
+/// Hide a truth in a measurement, to see whether a diagnosis finds it
+///
+/// Draw a truth, run it, measure it, diagnose the measurement, and only then look at the truth.
+#[derive(Parser)]
+#[command(name = "gl-blind", version, after_help = EXAMPLE)]
+struct Args {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Subcommand)]
+enum Step {
+    /// Draw a truth with one effect in it, as a table of samples
+    Truth {
+        /// Table of parameters
+        #[arg(short, long, value_name = "FILE")]
+        params: PathBuf,
+        /// Seed of the draw
+        #[arg(long, default_value_t = 0)]
+        seed: u32,
+        /// So many specimens, alike but for their packing, with a column `seed`
+        #[arg(long, value_name = "N", value_parser = gl_cli::count)]
+        specimens: Option<usize>,
+        /// Where the samples go; stdout when absent
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+    /// Make a measurement of runs: their mean, with noise
+    Measure {
+        /// Control of the measurement
+        #[arg(short, long, value_name = "NAME")]
+        control: String,
+        /// Observables, separated by commas
+        #[arg(short = 'v', long, value_name = "NAMES", value_delimiter = ',')]
+        observables: Vec<String>,
+        /// Standard deviation of the noise of a reading, NAME=SD,…
+        #[arg(long, value_name = "SD")]
+        noise: Option<ByName>,
+        /// Seed of the noise, above 0
+        #[arg(long, default_value_t = 1)]
+        seed: u32,
+        /// Let what specimens differ by be the noise of a reading: columns NAME_sd
+        #[arg(long)]
+        scatter: bool,
+        /// Ensemble of the runs, at the steps of the measurement to be; stdin when absent
+        #[arg(value_name = "ENSEMBLE", default_value = "-")]
+        ensemble: PathBuf,
+        /// Where the measurement goes; stdout when absent
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+    /// Say whether the truth was found: exit 0 if it comes first, 1 if not
+    Outcome {
+        /// Table of parameters
+        #[arg(short, long, value_name = "FILE")]
+        params: PathBuf,
+        /// Table of samples that was hidden
+        #[arg(long, value_name = "FILE")]
+        answer: PathBuf,
+        /// Table of gl-gap-attribute
+        #[arg(value_name = "ATTRIBUTION")]
+        attribution: PathBuf,
+        /// Where the outcome goes, truth strength first probability; stdout when absent
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+}
+
+const EXAMPLE: &str = "Example:
+  gl-blind truth -p params.txt --seed 7 -o answer.txt";
+
+fn draw(params: &Path, seed: u32, specimens: Option<usize>) -> Result<Samples> {
+    let prior = Prior::read(params)?;
+    let truth = truth(&prior, seed).with_context(|| params.display().to_string())?;
+    let mut parameters = prior.names();
+    let (names, values) = match specimens {
+        None => (vec!["truth".to_owned()], vec![truth]),
+        Some(count) => {
+            parameters.push("seed".to_owned());
+            let packing = |i: usize| 100_000.0 + 100.0 * f64::from(seed) + i as f64;
+            let row = |i: usize| truth.iter().copied().chain([packing(i)]).collect();
+            ((1..=count).map(|i| format!("specimen{i}")).collect(), (1..=count).map(row).collect())
+        }
+    };
+    Ok(Samples { source: "truth".to_owned(), names, parameters, values })
+}
+
+fn run(args: &Args) -> Result<bool> {
+    match &args.step {
+        Step::Truth { params, seed, specimens, output } => {
+            draw(params, *seed, *specimens)?.write(output.as_deref(), None)?;
+        }
+        Step::Measure { control, observables, noise, seed, scatter, ensemble, output } => {
+            ensure!(*seed > 0, "--seed 0: give one above 0");
+            let runs = Ensemble::read(ensemble, control, observables)?;
+            let noise = noise.clone().unwrap_or_default();
+            noise.check_names(observables, "--noise")?;
+            Measurement::new(&runs, &noise, *seed, *scatter)?.write(
+                output.as_deref(),
+                control,
+                observables,
+            )?;
+        }
+        Step::Outcome { params, answer, attribution, output } => {
+            let prior = Prior::read(params)?;
+            let truth = hidden(&prior, &Samples::read(answer)?)?;
+            let (first, probability) = first_hypothesis(&Table::read(attribution)?)?;
+            let effects = effects_of(&prior, &truth);
+            let mut table =
+                TableWriter::create(output.as_deref(), &["truth", "strength", "first", "probability"])?;
+            let strength = strengths(&prior, &truth).first().copied().unwrap_or(0.0);
+            table.text(&effects).number(strength).text(&first).number(probability).end_row()?;
+            table.finish()?;
+            return Ok(first.strip_suffix("+unexplained").unwrap_or(&first) == effects);
+        }
+    }
+    Ok(true)
+}
+
+fn main() -> ExitCode {
+    gl_cli::finish("gl-blind", run(&gl_cli::parse()))
+}
