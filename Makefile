@@ -91,6 +91,12 @@ withheld: build
 	     withheld score $$dir | tee $$dir/score.tsv || exit; done
 	@echo "## both"; withheld score out/withheld/contact-$(RUNS)-$(SEED) out/withheld/triaxial-$(RUNS)-$(SEED)
 
+## make coverage REPLICATES=30       how often the intervals of a calibration hold and how many runs it takes, on problems in
+##                                  closed form; SEED=…: other truths
+REPLICATES ?= 30
+coverage: build
+	@mkdir -p out/coverage; coverage -n $(REPLICATES) --seed $(or $(SEED),700) | tee out/coverage/coverage.tsv
+
 ## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
 bench: build
 	@scripts/dev/bench/run
@@ -131,4 +137,4 @@ dist:
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld bench man install dist clean
+.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld coverage bench man install dist clean
