@@ -159,7 +159,7 @@ fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
 #[test]
 fn each_call_is_noted_as_it_is_typed() {
     let folder = Folder::default();
-    copy_case(&folder, "collision", &SMALL);
+    copy_case(&folder, "collision", &[SMALL[0], SMALL[1], ("posterior", "\"weights\"")]);
     finish(&mut calibrate(&folder, "embedded", "fit"));
     let log = folder.read("fit/commands.log");
     let call = log.lines().find(|line| line.starts_with("gl-likelihood ")).unwrap();
@@ -263,7 +263,7 @@ fn the_check_says_how_many_runs_there_will_be_and_how_long_they_take() {
         let place = codes.iter().position(|other| other == code);
         place.map(|place| folder.texts("said.txt", "value")[place].clone())
     };
-    assert_eq!((verdict("runs").as_deref(), verdict("seconds-a-run")), (Some("70"), None));
+    assert_eq!((verdict("runs").as_deref(), verdict("seconds-a-run")), (Some("210"), None));
     finish(calibrate(&folder, "embedded", "out").args(["num=7", "--iterations", "1"]));
     let (_, said) = check("num=7");
     assert!(said.contains("by the 7 runs that are there"), "{said}");

@@ -53,7 +53,7 @@ fn where_no_emulator_can_be_trained_the_runs_have_to_do_and_it_is_said() {
     copy_case(&folder, "linear", &[("num", "3"), ("iterations", "3")]);
     let (stdout, stderr) = finish(&mut calibrate(&folder, "local", "out"));
     assert!(stderr.contains("by the weights of the runs"), "{stdout}{stderr}");
-    assert!(folder.read("out/iter0/posterior.log").contains("3 runs for 2 inputs"));
+    assert!(folder.read("out/iter0/emulator.log").contains("an emulator needs at least"));
     assert!(folder.read("out/iter0/fallback.txt").contains("no emulator"));
     assert!(stdout.contains("iteration 2: 9 runs, 0 failed; sigma "), "{stdout}");
     assert_eq!(folder.texts("out/posterior-weights.txt", "sample").len(), 9);
@@ -70,7 +70,8 @@ fn batches_of_an_emulator_are_weighed_where_the_runs_have_to_do() {
     copy_case(&folder, "collision", &[("iterations", "2")]);
     finish(&mut calibrate(&folder, "embedded", "out"));
     // As if the last iteration had found it unfit.
-    let verdict = folder.read("out/iter1/posterior-verdict.txt") + "emulator-unfit\t1\tno emulator follows this simulator\n";
+    let verdict = folder.read("out/iter1/posterior-verdict.txt")
+        + "emulator-unfit\t1\tno emulator follows this simulator\n";
     folder.write("out/iter1/posterior-verdict.txt", verdict);
     let (stdout, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--until", "3"]));
     assert!(stderr.contains("no emulator follows this simulator; from here on by the weights"), "{stderr}");

@@ -64,10 +64,10 @@ impl Iteration<'_> {
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
                 .args(&ensembles);
-            let log = self.file("posterior.log");
+            let log = self.file("emulator.log");
             let _ = std::fs::remove_file(&log);
             if !self.setting.runner.attempt(&call, &log)? {
-                return self.fall_back("no emulator can be trained; posterior.log says why");
+                return self.fall_back("no emulator can be trained; emulator.log says why");
             }
         }
         if let Some(unfit) = Verdicts::read(&verdict)?.find("emulator-unfit") {
