@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use gl_table::{Sink, Table, TableWriter};
 
 /// Tools that write their conclusions as a table.
-const WITH_VERDICT: [&str; 1] = ["gl-check-stop"];
+const WITH_VERDICT: [&str; 4] = ["gl-check-stop", "gl-gap-attribute", "gl-gap-locate", "gl-gap-shrink"];
 
 /// A call of one of the tools.
 #[derive(Clone, Debug)]

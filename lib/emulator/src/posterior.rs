@@ -29,7 +29,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, PRIOR_SHARE, Posterior, Start};
+use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, PRIOR_SHARE, Posterior, Start, Warp};
 use mixture::LocalMixture;
 use noise::ChiSquare;
 pub use proof::Proof;
@@ -177,9 +177,8 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     );
     let stage = stage("sampling the posterior", 3);
     let observations = question.observations.part(question.steps.clone());
-    let runs: Vec<usize> = (0..question.ensemble.len()).collect();
-    let ensemble = question.ensemble.part(&runs, question.steps.clone());
     let measured = measured(question, &observations)?;
+    let ensemble = warped(question, &observations, &measured);
     let space = Space::new(question.prior, question.samples)?;
     let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
 
@@ -244,13 +243,42 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
             sizes.flat_map(|size| vec![size; steps]).collect()
         }
     };
+    let base: Vec<f64> = base;
+    let warps: Vec<Warp> = (0..ranges.len())
+        .map(|j| {
+            let size = |values: &[f64]| values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
+            let runs = (0..question.ensemble.len())
+                .map(|run| size(&question.ensemble.curve(run, j)[question.steps.clone()]));
+            Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max))
+        })
+        .collect();
+    let readings = observations.values.concat();
+    let of = |o: usize| (warps[o / steps], readings[o]);
     Ok(Measured {
-        values: observations.values.concat(),
-        base,
+        values: (0..readings.len()).map(|o| of(o).0.there(of(o).1)).collect(),
+        base: base.iter().enumerate().map(|(o, sd)| sd * of(o).0.slope(of(o).1)).collect(),
+        noise: base,
+        readings,
+        warps,
         is_known: question.noise.is_some(),
         steps,
         ranges,
     })
+}
+
+/// The runs at the steps that are compared, as the emulator sees them.
+fn warped(question: &Question<'_>, observations: &Observations, measured: &Measured) -> Ensemble {
+    let mut ensemble = Ensemble::new(observations, false);
+    ensemble.source.clone_from(&question.ensemble.source);
+    for run in 0..question.ensemble.len() {
+        let warped = |(j, warp): (usize, &Warp)| {
+            let curve = &question.ensemble.curve(run, j)[question.steps.clone()];
+            curve.iter().map(|y| warp.there(*y)).collect()
+        };
+        let curves: Vec<Vec<f64>> = measured.warps.iter().enumerate().map(warped).collect();
+        ensemble.push(&question.ensemble.samples[run], &curves, None);
+    }
+    ensemble
 }
 
 /// What is not known of the noise, before the residuals have been looked at.
@@ -262,7 +290,7 @@ fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Opt
         correlation: vec![false; measured.observables()],
     };
     if !measured.is_known {
-        let share = |j: usize| measured.ranges[j] / measured.base[j * measured.steps];
+        let share = |j: usize| measured.ranges[j] / measured.noise[j * measured.steps];
         let shares: Vec<f64> = (0..measured.observables()).map(share).collect();
         let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
         let most = shares.iter().copied().fold(0.0, f64::max);
@@ -477,7 +505,7 @@ fn finish(
             let scores = surrogate.emulator.mean_scores(&space.coordinates(x));
             let curve = surrogate.emulator.centre()
                 + surrogate.emulator.basis() * nalgebra::DVector::from_vec(scores);
-            measured.values.iter().zip(curve.iter()).map(|(seen, y)| seen - y).collect()
+            measured.residual(curve.as_slice())
         })
         .collect();
     let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
@@ -496,10 +524,15 @@ fn finish(
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
     let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
     let index = samples.index();
+    let residuals: Vec<Vec<f64>> =
+        (0..ensemble.len()).map(|run| measured.residual(&ensemble.curves(run).concat())).collect();
+    let misfit = |run: usize| -> f64 {
+        residuals[run].iter().zip(&measured.noise).map(|(r, sd)| (r / sd).powi(2)).sum()
+    };
     let mut order = ranked.order.clone();
     order.sort_by(|&a, &b| {
         let names = || ensemble.samples[a].cmp(&ensemble.samples[b]);
-        ranked.misfit[a].total_cmp(&ranked.misfit[b]).then_with(names)
+        misfit(a).total_cmp(&misfit(b)).then_with(names)
     });
     let places = order
         .iter()
@@ -507,10 +540,10 @@ fn finish(
             index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i]))
         })
         .collect();
-    let run = |&run: &usize| {
-        let curve = ensemble.curves(run).concat();
-        let residual = measured.values.iter().zip(&curve).map(|(seen, y)| seen - y).collect();
-        Run { name: ensemble.samples[run].clone(), misfit: ranked.misfit[run], error: error(&residual) }
+    let run = |&run: &usize| Run {
+        name: ensemble.samples[run].clone(),
+        misfit: misfit(run),
+        error: error(&residuals[run]),
     };
     let runs = order.iter().map(run).collect();
     Ok(Inference {

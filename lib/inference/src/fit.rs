@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn what_alternates_is_a_bad_fit_though_its_size_is_that_of_noise() {
-        let alternating = |t: usize| if t % 2 == 0 { 1.0 } else { -1.0 };
+        let alternating = |t: usize| if t.is_multiple_of(2) { 1.0 } else { -1.0 };
         let left = vec![(0..40).map(alternating).collect::<Vec<_>>()];
         let fit = test(&left, 3);
         assert!(fit.is_bad() && fit.correlation < -0.9 && (fit.scatter - 1.0).abs() < 0.1, "{fit:?}");

@@ -6,6 +6,9 @@
 //! errors along the whole control and so correlated along it. D is the noise, independent from reading to
 //! reading or a first-order autoregression. By the identity of Woodbury a likelihood needs matrices of
 //! the components' number only.
+//!
+//! Where the runs reach far beyond the measurement the emulator sees them warped; see [`Warp`]. Residuals are
+//! those of the readings all the same, and B is then the derivative at the measurement.
 
 use gl_numeric::statistics::ln_sum_exp;
 use nalgebra::{DMatrix, DVector};
@@ -18,10 +21,16 @@ use crate::cholesky::{Cholesky, Square, dot};
 /// What was measured; all observables behind each other, each at all steps.
 #[derive(Clone, Debug)]
 pub struct Measured {
-    /// Readings, shape (observables · steps).
+    /// Readings as the emulator sees them, warped, shape (observables · steps).
     pub values: Vec<f64>,
     /// Standard deviation of their noise; where it is not known, what it is a share of.
     pub base: Vec<f64>,
+    /// The readings themselves.
+    pub readings: Vec<f64>,
+    /// Standard deviation of their own noise, or what that is a share of.
+    pub noise: Vec<f64>,
+    /// What the emulator sees of each observable, shape (observables,).
+    pub warps: Vec<Warp>,
     /// Whether it is known.
     pub is_known: bool,
     /// Number of steps.
@@ -31,6 +40,13 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// What the readings have more than a curve that the emulator gives, in their own units, shape
+    /// (observables · steps).
+    pub fn residual(&self, curve: &[f64]) -> Vec<f64> {
+        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[o / self.steps].back(*y);
+        curve.iter().enumerate().map(of).collect()
+    }
+
     /// Σ (r / base)² for simulated readings, shape (observables · steps).
     pub fn misfit(&self, simulated: &[f64]) -> f64 {
         let pairs = self.values.iter().zip(simulated).zip(&self.base);
@@ -40,6 +56,47 @@ impl Measured {
     /// Number of observables.
     pub fn observables(&self) -> usize {
         self.ranges.len()
+    }
+}
+
+/// What an emulator sees of an observable: the readings as they are, or s asinh(y/s), which is y near zero and
+/// grows as the logarithm beyond s. Runs that are a hundred times too large then do not hide what those near the
+/// measurement say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Warp {
+    scale: Option<f64>,
+}
+
+/// The runs reach so many times beyond the measurement where they are warped.
+const FAR: f64 = 4.0;
+
+/// s, as a share of the largest reading.
+const WARPED_FROM: f64 = 0.3;
+
+impl Warp {
+    /// For an observable whose largest reading and largest simulated value, without their signs, are these.
+    pub fn new(measured: f64, simulated: f64) -> Self {
+        Self { scale: (measured > 0.0 && simulated > FAR * measured).then_some(WARPED_FROM * measured) }
+    }
+
+    /// Whether anything changes.
+    pub fn is_some(self) -> bool {
+        self.scale.is_some()
+    }
+
+    /// What the emulator sees.
+    pub fn there(self, y: f64) -> f64 {
+        self.scale.map_or(y, |s| s * (y / s).asinh())
+    }
+
+    /// The value of what the emulator gives.
+    pub fn back(self, t: f64) -> f64 {
+        self.scale.map_or(t, |s| s * (t / s).clamp(-100.0, 100.0).sinh())
+    }
+
+    /// The derivative of what it sees.
+    pub fn slope(self, y: f64) -> f64 {
+        self.scale.map_or(1.0, |s| 1.0 / (y / s).hypot(1.0))
     }
 }
 
@@ -152,6 +209,8 @@ struct Block {
     identity: Quadratic,
     beside: Quadratic,
     inner: Quadratic,
+    /// The patterns in units of the base, shape (steps, components), where the observable is warped.
+    patterns: Vec<Vec<f64>>,
     /// Variance that the components leave over, relative to the base: truncation, and scatter.
     leftover: (f64, f64),
 }
@@ -161,6 +220,9 @@ struct Block {
 pub struct Likelihood<'a> {
     emulator: &'a Emulator,
     space: &'a Space,
+    measured: &'a Measured,
+    /// Whether an observable is.
+    is_warped: bool,
     blocks: Vec<Block>,
     /// Lower factor of the correlation of the scores' errors.
     correlation: Square,
@@ -192,7 +254,7 @@ impl<'a> Likelihood<'a> {
     pub fn new(
         emulator: &'a Emulator,
         space: &'a Space,
-        measured: &Measured,
+        measured: &'a Measured,
         calibration: f64,
         nuisances: Nuisances,
     ) -> Self {
@@ -201,6 +263,7 @@ impl<'a> Likelihood<'a> {
         // Where the last components are nothing but scatter, so is what they leave over.
         let last = nugget.iter().skip(k - k.div_ceil(4));
         let scatter_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
+        let is_warped = measured.warps.iter().any(|warp| warp.is_some());
         let block = |j: usize| {
             let outputs = j * measured.steps..(j + 1) * measured.steps;
             let rows: Vec<(Vec<f64>, f64)> = outputs
@@ -213,10 +276,11 @@ impl<'a> Likelihood<'a> {
                 .collect();
             let mut block = Block {
                 steps: measured.steps as f64,
-                ln_base: outputs.clone().map(|o| 2.0 * measured.base[o].ln()).sum(),
+                ln_base: outputs.clone().map(|o| 2.0 * measured.noise[o].ln()).sum(),
                 identity: Quadratic::zeros(k),
                 beside: Quadratic::zeros(k),
                 inner: Quadratic::zeros(k),
+                patterns: Vec::new(),
                 leftover: (0.0, 0.0),
             };
             for (t, (row, e)) in rows.iter().enumerate() {
@@ -231,6 +295,9 @@ impl<'a> Likelihood<'a> {
             }
             let leftover = outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>()
                 / measured.steps as f64;
+            if is_warped {
+                block.patterns = rows.into_iter().map(|(pattern, _)| pattern).collect();
+            }
             block.leftover = ((1.0 - scatter_share) * leftover, scatter_share * leftover);
             block
         };
@@ -244,7 +311,7 @@ impl<'a> Likelihood<'a> {
             Cholesky::new(&lower).map_or_else(|_| unit(k), |cholesky| cholesky.lower().clone())
         };
         let blocks = (0..measured.observables()).map(block).collect();
-        Self { emulator, space, blocks, correlation, nugget, calibration, nuisances }
+        Self { emulator, space, measured, is_warped, blocks, correlation, nugget, calibration, nuisances }
     }
 
     /// Number of coordinates: parameters, then nuisances.
@@ -303,9 +370,13 @@ impl<'a> Likelihood<'a> {
     fn of_scores(&self, mean: &[f64], variance: &[f64], noise: &NoiseAt, calibration: f64) -> Fit {
         let k = mean.len();
         let Joint { quadratic, ln_determinant } = self.joint(noise);
-        let g_mean: Vec<f64> = (0..k).map(|i| dot(&quadratic.g[i * k..(i + 1) * k], mean)).collect();
-        let square = quadratic.c - 2.0 * dot(&quadratic.a, mean) + dot(&g_mean, mean);
-        let gap: Vec<f64> = quadratic.a.iter().zip(&g_mean).map(|(a, g)| a - g).collect();
+        let (square, gap) = if self.is_warped {
+            self.warped_gap(mean, noise)
+        } else {
+            let g_mean: Vec<f64> = (0..k).map(|i| dot(&quadratic.g[i * k..(i + 1) * k], mean)).collect();
+            let square = quadratic.c - 2.0 * dot(&quadratic.a, mean) + dot(&g_mean, mean);
+            (square, quadratic.a.iter().zip(&g_mean).map(|(a, g)| a - g).collect())
+        };
         let total: Vec<f64> = variance
             .iter()
             .zip(&self.nugget)
@@ -320,6 +391,31 @@ impl<'a> Likelihood<'a> {
         let readings: f64 = self.blocks.iter().map(|block| block.steps).sum();
         let ln_determinant = ln_determinant + cholesky.ln_determinant();
         Fit { ln: -0.5 * (square + ln_determinant + readings * std::f64::consts::TAU.ln()), square }
+    }
+
+    /// rᵀD⁻¹r and BᵀD⁻¹r of the residual itself, where the mean scores do not give it by a linear form.
+    fn warped_gap(&self, mean: &[f64], noise: &NoiseAt) -> (f64, Vec<f64>) {
+        let curve = self.emulator.centre() + self.emulator.basis() * DVector::from_column_slice(mean);
+        let residual = self.measured.residual(curve.as_slice());
+        let e: Vec<f64> = residual.iter().zip(&self.measured.noise).map(|(r, sd)| r / sd).collect();
+        let (mut square, mut gap) = (0.0, vec![0.0; mean.len()]);
+        for ((block, &phi), e) in
+            self.blocks.iter().zip(&noise.correlation).zip(e.chunks(self.measured.steps))
+        {
+            let variance = noise.variance + block.leftover.0 + noise.scatter * block.leftover.1;
+            let factor = 1.0 / (variance * (1.0 - phi * phi));
+            let last = e.len() - 1;
+            for (t, pattern) in block.patterns.iter().enumerate() {
+                let is_inner = t > 0 && t < last;
+                let mut z = e[t] * if is_inner { 1.0 + phi * phi } else { 1.0 };
+                z -= if t > 0 { phi * e[t - 1] } else { 0.0 };
+                z -= if t < last { phi * e[t + 1] } else { 0.0 };
+                z *= factor;
+                square += e[t] * z;
+                gap.iter_mut().zip(pattern).for_each(|(gap, w)| *gap += w * z);
+            }
+        }
+        (square, gap)
     }
 
     /// L with L Lᵀ = C for variances of the scores, and the factor of I + Lᵀ G L.
@@ -449,5 +545,23 @@ impl Posterior<'_> {
         } else {
             f64::NEG_INFINITY
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_warp_goes_there_and_back_and_its_slope_is_its_difference_quotient() {
+        let warp = Warp::new(2.0, 1e4);
+        for y in [-700.0, -0.3, 0.0, 1.0, 2.0, 5e3] {
+            let there = warp.there(y);
+            assert!((warp.back(there) - y).abs() <= 1e-12 * y.abs().max(1.0), "{y}");
+            let quotient = (warp.there(y + 1e-5) - warp.there(y - 1e-5)) / 2e-5;
+            assert!((warp.slope(y) - quotient).abs() < 1e-6, "{y}");
+        }
+        let none = Warp::new(2.0, 5.0);
+        assert_eq!((none.there(5.0), none.back(5.0), none.slope(5.0)), (5.0, 5.0, 1.0));
     }
 }

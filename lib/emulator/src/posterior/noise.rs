@@ -81,7 +81,7 @@ impl ChiSquare {
 
 /// Independent readings among residuals, shape (observables · steps), by their autocorrelation.
 pub fn readings(residuals: &[f64], measured: &Measured) -> f64 {
-    let standardised: Vec<f64> = residuals.iter().zip(&measured.base).map(|(r, base)| r / base).collect();
+    let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
     standardised.chunks(measured.steps).map(independent_readings).sum()
 }
 

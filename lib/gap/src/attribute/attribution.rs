@@ -108,9 +108,12 @@ const CLOSE: f64 = 5.0;
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
 
-/// Share of the gap that an effect must close by itself to be its cause where something else is at work, too;
-/// and that several must close together, which imitate more.
-const CLOSES_MOST: (f64, f64) = (0.6, 0.85);
+/// Shares of the gap that an effect closes by itself below which it is not its cause where something else is at
+/// work, too, and from which it is; in between in proportion.
+const CLOSES: (f64, f64) = (0.5, 0.8);
+
+/// The same of several effects together, which imitate more.
+const CLOSE_TOGETHER: (f64, f64) = (0.7, 0.95);
 
 /// A hypothesis with what a search found.
 struct Found<'a> {
@@ -309,12 +312,17 @@ fn rule_out(explanations: &mut [Explanation]) {
     let Some(unexplained) = twin(explanations, &Vec::new()) else { return };
     for place in 0..explanations.len() {
         let of = &mut explanations[place];
-        let least = if of.hypothesis.len() > 1 { CLOSES_MOST.1 } else { CLOSES_MOST.0 };
-        if of.has_rest && of.is_cause() && of.closes < least {
-            of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
-            let taken = std::mem::take(&mut of.probability);
-            explanations[unexplained].probability += taken;
+        if !of.has_rest || !of.is_cause() {
+            continue;
         }
+        let (none, whole) = if of.hypothesis.len() > 1 { CLOSE_TOGETHER } else { CLOSES };
+        let kept = ((of.closes - none) / (whole - none)).clamp(0.0, 1.0);
+        if kept == 0.0 {
+            of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
+        }
+        let taken = of.probability * (1.0 - kept);
+        of.probability -= taken;
+        explanations[unexplained].probability += taken;
     }
 }
 
