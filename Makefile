@@ -61,7 +61,7 @@ iteration: build
 	@gl-iterate $(CASE) $(SAMPLES) $(RUNS) --iteration $(or $(ITERATION),0) --out $(OUT) $(GIVEN) || [ $$? -eq 1 ]
 
 ## make submit CASE=…              the same in the queue of SLURM (ENGINE=pbs: of PBS), with nothing that must stay connected;
-##                                  make status and make cancel OUT=… say how it gets on and end it
+##                                  make status and make cancel OUT=… show its progress and end it
 submit: build
 	@gl-submit $(FOR) $(LIMITS) $(GIVEN)
 status: build
