@@ -390,7 +390,15 @@ impl Sampler<'_> {
         let likelihood = self.likelihood(Nuisances { correlation: vec![true; extra], ..nuisances.clone() });
         let mut points = points.to_vec();
         points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
-        noise::correlated(&likelihood, &fittest(&likelihood, points, 40), self.measured)
+        let points = fittest(&likelihood, points, 40);
+        let by_likelihood = noise::correlated(&likelihood, &points, self.measured);
+        // A noise that is smaller than stated would pass for a correlated one.
+        let emulator = &self.surrogate.emulator;
+        let scores = emulator.mean_scores(&self.space.coordinates(&points[0]));
+        let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
+        let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
+        let steps = self.measured.steps as f64;
+        by_likelihood.into_iter().zip(seen).map(|(is, seen)| is && seen < steps).collect()
     }
 
     fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
@@ -556,7 +564,7 @@ fn finish(
         misfit: fits.iter().map(|fit| fit.square).collect(),
         error: curves.iter().map(error).collect(),
         ln_evidence: population.ln_evidence,
-        independent_readings: noise::readings(&curves[best], &measured),
+        independent_readings: noise::independent(&curves[best], &measured).iter().sum(),
         chi_square,
         ignorance,
         shift_if_known,
