@@ -155,10 +155,13 @@ fn score(cases: &[Scored]) -> Result<()> {
         Share::count(none, |case| case.names_wrong() && case.probability > 0.5),
     )?;
     let wrong = |case: &&Scored| case.names_wrong() && case.probability > 0.9;
-    count("all: wrong above 0.9, of them without a warning", Share {
-        all: cases.iter().filter(wrong).count(),
-        of: cases.iter().filter(wrong).filter(|case| !case.is_warned()).count(),
-    })?;
+    count(
+        "all: wrong above 0.9, of them without a warning",
+        Share {
+            all: cases.iter().filter(wrong).count(),
+            of: cases.iter().filter(wrong).filter(|case| !case.is_warned()).count(),
+        },
+    )?;
     count("all: said to lean on a bound", Share::count(cases.iter(), Scored::is_warned))?;
     for family in ["Plain", "Scatter", "Rig"] {
         let of = cases.iter().filter(|case| case.family == family);
