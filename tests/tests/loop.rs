@@ -70,7 +70,8 @@ fn batches_of_an_emulator_are_weighed_where_the_runs_have_to_do() {
     copy_case(&folder, "collision", &[("iterations", "2")]);
     finish(&mut calibrate(&folder, "embedded", "out"));
     // As if the last iteration had found it unfit.
-    let verdict = folder.read("out/iter1/posterior-verdict.txt") + "emulator-unfit\t1\tno emulator follows this simulator\n";
+    let verdict = folder.read("out/iter1/posterior-verdict.txt")
+        + "emulator-unfit\t1\tno emulator follows this simulator\n";
     folder.write("out/iter1/posterior-verdict.txt", verdict);
     let (stdout, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--until", "3"]));
     assert!(stderr.contains("no emulator follows this simulator; from here on by the weights"), "{stderr}");

@@ -214,8 +214,13 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
             .filter(|c| c.is_part && !c.is_met && c.value < UNKNOWN)
             .map(|c| format!("{} is {:.2} where {} is asked", c.name, c.value, c.tolerance))
             .collect();
-        let why = if open.is_empty() { "no batch has been held against it".to_owned() } else { open.join(", ") };
-        verdicts.add("unsettled", open.len(), format!("the posterior is not settled: {why}; more iterations may change it"));
+        let why =
+            if open.is_empty() { "no batch has been held against it".to_owned() } else { open.join(", ") };
+        verdicts.add(
+            "unsettled",
+            open.len(),
+            format!("the posterior is not settled: {why}; more iterations may change it"),
+        );
     }
     let noise = criteria.iter().find(|c| c.name == "sigma_noise");
     if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {
