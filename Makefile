@@ -61,7 +61,7 @@ iteration: build
 	@gl-iterate $(CASE) $(SAMPLES) $(RUNS) --iteration $(or $(ITERATION),0) --out $(OUT) $(GIVEN) || [ $$? -eq 1 ]
 
 ## make submit CASE=…              the same in the queue of SLURM (ENGINE=pbs: of PBS), with nothing that must stay connected;
-##                                  make status and make cancel OUT=… say how it gets on and end it
+##                                  make status and make cancel OUT=… show its progress and end it
 submit: build
 	@gl-submit $(FOR) $(LIMITS) $(GIVEN)
 status: build
@@ -79,17 +79,23 @@ diagnose: OUT := out/$(notdir $(CASE))-diagnosis
 diagnose: build
 	@gl-diagnose $(FOR) $(if $(ITERATIONS),iterations=$(ITERATIONS)) $(GIVEN)
 
-## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 20 minutes.
-##                                  RUNS=10: runs of the design an input, SEED=…: other cases
+## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 40 minutes.
+##                                  RUNS=10: runs of the design an input, SEED=…: other cases,
+##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all
 CASES ?= 200
+CONDITION ?= as-stated
+CONDITIONS = as-stated noise-0.5 noise-0.85 noise-2 noise-5 unstated correlated-0.5 correlated-0.9 heavy-tails outliers \
+    remainder-1 remainder-2 remainder-4 other-form outside beyond idle one-observable ten-steps
 withheld: RUNS := $(or $(RUNS),25)
 withheld: SEED := $(or $(SEED),9006)
 withheld: build
-	@for world in contact triaxial; do dir=out/withheld/$$world-$(RUNS)-$(SEED); mkdir -p $$dir; echo "## $$world"; \
-	     withheld generate $$world $$dir --num $(CASES) --seed $(SEED) && \
-	     withheld diagnose $$world $$dir --runs $(RUNS) && \
-	     withheld score $$dir | tee $$dir/score.tsv || exit; done
-	@echo "## both"; withheld score out/withheld/contact-$(RUNS)-$(SEED) out/withheld/triaxial-$(RUNS)-$(SEED)
+	@for condition in $(if $(filter all,$(CONDITION)),$(CONDITIONS),$(CONDITION)); do dirs=; \
+	     for world in contact triaxial; do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED); mkdir -p $$dir; \
+	         echo "## $$world, $$condition"; \
+	         withheld generate $$world $$dir --num $(CASES) --seed $(SEED) --condition $$condition && \
+	         withheld diagnose $$world $$dir --runs $(RUNS) --condition $$condition && \
+	         withheld score $$dir | tee $$dir/score.tsv || exit; dirs="$$dirs $$dir"; done; \
+	     echo "## both, $$condition"; withheld score $$dirs || exit; done
 
 ## make coverage REPLICATES=30       how often the intervals of a calibration hold and how many runs it takes, on problems in
 ##                                  closed form; SEED=…: other truths

@@ -51,7 +51,7 @@ a_calibration_becomes_one_file_with_its_pictures() {
     needs python3 python3
     with_calibration
     same "$(gl-report case --out made)" made/report.html
-    with_everything_in made/report.html 6
+    with_everything_in made/report.html 5
     grep -q '2 iterations made 40 runs, of which 0 failed' made/report.html
     grep -q '<pre>gl-calibrate case --engine embedded --out made num=20 iterations=2</pre>' made/report.html
     grep -q 'off in the calibration: w tau plastic' made/report.html
@@ -62,6 +62,21 @@ a_calibration_becomes_one_file_with_its_pictures() {
     # A page has units on its axes, which the case gives.
     grep -q '>f (N)</text>' made/report.html
     same "$(grep -cE 'make [a-z]+ CASE' made/report.html)" 0
+}
+
+# The runs themselves have a history along the steps, draws through an emulator have none.
+weights_of_the_runs_have_a_picture_more_than_draws() {
+    needs python3 python3
+    cp -r "$ROOT/examples/contact-effects" case
+    gl-calibrate case num=20 iterations=2 posterior=runs --out made >log 2>&1
+    gl-report case --out made >log
+    with_everything_in made/report.html 6
+    grep -q 'The weight of each run against each parameter' made/report.html
+    rm -r made
+    gl-calibrate case num=20 iterations=2 --out made >log 2>&1
+    gl-report case --out made >log
+    grep -q 'The posterior is one of draws through an emulator of the runs' made/report.html
+    grep -q -- '-w made/posterior-runs-weights.txt made/ensemble.txt -o' made/report.html
 }
 
 the_commands_of_the_pictures_draw_them() {
@@ -149,7 +164,7 @@ names_cannot_break_the_page() {
     with_calibration
     mv case 'a<b>&"c'
     gl-report 'a<b>&"c' --out made >log
-    with_everything_in made/report.html 6
+    with_everything_in made/report.html 5
     grep -q '<h1>a&lt;b&gt;&amp;&quot;c</h1>' made/report.html
     same "$(grep -c '<b>' made/report.html)" 0
 }

@@ -116,7 +116,7 @@ fn bad_input_is_said_and_nothing_is_written() {
         "stdin:1: unknown parameter x; the parameters are E_m",
     );
     refused("gl-contact", &["-s", "-"], "description key nu\n../a 0 0.2\n", "stdin:2: column description");
-    refused("gl-contact", &["-s", "-", "--steps", "0"], table, "\"0\" is not a number above 0");
+    refused("gl-contact", &["-s", "-", "--steps", "0"], table, "\"0\" is not a number from 1");
     refused("gl-contact", &["-s", "-", "--radius=-1"], table, "radius -1: must be positive");
     refused("gl-contact", &["-s", "-", "--overlap", "NaN"], table, "displacement NaN");
     refused("gl-contact", &["-s", "-", "--overlap", "0.1"], table, "the radius is 0.001 only");

@@ -8,6 +8,7 @@ use std::process::Output;
 
 use assert_cmd::Command;
 use gl_table::Table;
+use gl_table::verdict::Verdicts;
 use tempfile::TempDir;
 
 fn run(directory: &Path, name: &str, arguments: &str) -> Output {
@@ -130,6 +131,40 @@ fn a_model_that_has_the_rise_leaves_no_gap() {
 }
 
 #[test]
+fn a_gap_that_alternates_is_no_fit_though_no_stretch_stands_out() {
+    let directory = directory();
+    let alternating = |step: usize| 1.0 + if step.is_multiple_of(2) { 0.15 } else { -0.15 };
+    let rows: String =
+        (0..STEPS).map(|step| format!("{}\t{}\n", step as f64 / 10.0, alternating(step))).collect();
+    fs::write(directory.path().join("alternating.txt"), format!("e\tq\n{rows}")).unwrap();
+    let code = |obs: &str| {
+        let locate = format!("-b {obs} -c e -v q -w weights.tsv --noise q=0.1 --verdict v.tsv base.tsv");
+        let output = run(directory.path(), "gl-gap-locate", &locate);
+        assert!(output.status.success(), "{}", stderr(&output));
+        Verdicts::read(&directory.path().join("v.tsv")).unwrap().rows[0].code.clone()
+    };
+    assert_eq!(code("alternating.txt"), "alternates");
+    assert_eq!(code("obs.txt"), "gap");
+}
+
+#[test]
+fn what_is_concluded_of_a_shrink_has_a_code() {
+    let directory = directory();
+    let code = |after: &str| {
+        let arguments = format!(
+            "-b obs.txt -c e -v q --noise q=0.1 --before base.tsv,weights.tsv --after {after},weights.tsv --verdict v.tsv"
+        );
+        let output = run(directory.path(), "gl-gap-shrink", &arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        let verdicts = Verdicts::read(&directory.path().join("v.tsv")).unwrap();
+        (verdicts.rows[0].code.clone(), verdicts.rows[0].value.parse::<f64>().unwrap())
+    };
+    let (closes, share) = code("full.tsv");
+    assert!(closes == "closes" && share > 0.97, "{closes} {share}");
+    assert_eq!(code("base.tsv").0, "may-not-close");
+}
+
+#[test]
 fn the_same_seed_locates_and_shrinks_to_the_same_bytes() {
     let directory = directory();
     let locate = "-b obs.txt -c e -v q -w weights.tsv --seed 3 base.tsv";
@@ -248,7 +283,7 @@ fn bad_input_is_refused_with_its_place() {
     assert_refused(&shrink("obs.txt", "half.tsv,few.tsv"), &["few.tsv: no sample middle"]);
     assert_refused(&shrink("constant.txt", "half.tsv,weights.tsv"), &["constant.txt: q is constant"]);
     assert_refused(&shrink("obs.txt", "half.tsv"), &["half.tsv", "ENSEMBLE,WEIGHTS"]);
-    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --steps 40:50"), &["--steps", "0 to 39"]);
+    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --steps 40:50"), &["--steps", "end at 40"]);
     assert_refused(
         &shrink("obs.txt", "half.tsv,weights.tsv --calibrated :"),
         &["--calibrated", "saw them all"],

@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn tempering_keeps_as_many_runs_effective_as_asked() {
         let weights = tempered(&[1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0], 3.0);
-        let effective = effective_size(weights);
+        let effective = effective_size(&weights);
         assert!((effective - 3.0).abs() < 1e-9, "{effective}");
         assert_eq!(tempered(&[0.5, 0.5, 0.0], 3.0), [0.5, 0.5, 0.0]);
         assert_eq!(tempered(&[0.25; 4], 3.0), [0.25; 4]);

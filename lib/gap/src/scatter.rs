@@ -36,7 +36,7 @@ pub(super) fn scatter(
     noise_sd: &[Vec<f64>],
 ) -> Scatter {
     let (observables, steps) = (ensemble.observables.len(), ensemble.steps());
-    let effective = effective_size(&of_runs);
+    let effective = effective_size(of_runs);
     let taken = (weights.varying() + 1) as f64;
     if effective < 2.0 * taken {
         return Scatter::default();

@@ -154,6 +154,15 @@ fn score(cases: &[Scored]) -> Result<()> {
         "none: a wrong effect above 0.5",
         Share::count(none, |case| case.names_wrong() && case.probability > 0.5),
     )?;
+    let wrong = |case: &&Scored| case.names_wrong() && case.probability > 0.9;
+    count(
+        "all: wrong above 0.9, of them without a warning",
+        Share {
+            all: cases.iter().filter(wrong).count(),
+            of: cases.iter().filter(wrong).filter(|case| !case.is_warned()).count(),
+        },
+    )?;
+    count("all: said to lean on a bound", Share::count(cases.iter(), Scored::is_warned))?;
     for family in ["Plain", "Scatter", "Rig"] {
         let of = cases.iter().filter(|case| case.family == family);
         count(&format!("{}: predicted shrink holds", family.to_lowercase()), shrink_coverage(of))?;

@@ -133,7 +133,7 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         .map(|i| draw_seen(bench, condition, seed, i as u64))
         .collect::<Result<_>>()?;
     let columns =
-        ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values"];
+        ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values", "rest"];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
     // What is no candidate is missing from the user's table of parameters, and that is all one sees.
     let columns = ["case", "without", "scatter", "measurement"];
@@ -145,7 +145,8 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         let withheld = case.withheld.as_deref().unwrap_or("-");
         answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);
         answers.numbers(&[case.visibility, case.least, case.shrink, case.noise[0]]);
-        answers.text(&values.join(",")).end_row()?;
+        let has_rest = matches!(condition, Condition::Remainder(_) | Condition::Outside);
+        answers.text(&values.join(",")).text(if has_rest { "yes" } else { "no" }).end_row()?;
         let is_of_rig = case.family == Family::Rig;
         let without = if is_of_rig { bench.of_the_rig.join(",") } else { withheld.to_owned() };
         let kinds = if is_of_rig { KINDS.map(|(name, _)| name).join(",") } else { "-".to_owned() };

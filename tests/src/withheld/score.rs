@@ -20,9 +20,14 @@ pub struct Scored {
     pub withheld: bool,
     /// What the base parameters cannot absorb, in noise.
     pub visibility: f64,
+    /// Whether there is something in it that is no effect of the world's: a remainder, or a base parameter outside
+    /// its prior.
+    pub has_rest: bool,
+    /// Parameters that are said, before all else, to be pulled beyond a bound.
+    pub leans: String,
     /// The least visible of two effects.
     pub least: f64,
-    /// The most probable row.
+    /// The most probable cause, with a rest or without.
     pub first: String,
     /// Its probability.
     pub probability: f64,
@@ -39,7 +44,7 @@ pub struct Scored {
 impl Scored {
     /// The row that should come first.
     pub fn right(&self) -> &str {
-        if self.withheld { "unexplained" } else { &self.truth }
+        if self.withheld || (self.has_rest && self.truth == "none") { "unexplained" } else { &self.truth }
     }
 
     /// Whether it does.
@@ -50,6 +55,11 @@ impl Scored {
     /// Whether what should come first is said to be confounded with what does.
     pub fn is_near(&self) -> bool {
         !self.is_right() && self.confounded.iter().any(|name| name == self.right())
+    }
+
+    /// Whether a bound was said to be too narrow before all else.
+    pub fn is_warned(&self) -> bool {
+        !matches!(self.leans.as_str(), "" | "-")
     }
 
     /// Whether an effect is named that is not at work.
@@ -81,6 +91,8 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             family: text(&answers, "family")?,
             truth: text(&answers, "effects")?,
             withheld: text(&answers, "withheld")? != "-",
+            has_rest: text(&answers, "rest")? == "yes",
+            leans: text(&verdicts, "leans")?,
             visibility: number(&answers, "visibility")?,
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,

@@ -81,7 +81,7 @@ enum Step {
 }
 
 const EXAMPLE: &str = "Example:
-  gl-blind truth -p params.txt --seed 7 -o answer.txt";
+  gl-blind measure -c u -v f --noise f=0.005 ensemble.txt -o measured.txt";
 
 fn draw(params: &Path, seed: u32, specimens: Option<usize>) -> Result<Samples> {
     let prior = Prior::read(params)?;

@@ -55,7 +55,7 @@ pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaC
     let dimensions = model.len();
     let mut proposals = vec![Mixture::about(&modes)];
     let ignorance = Ignorance::about(model, &modes);
-    let per_round = if aim < COARSE { 60 + 12 * dimensions } else { COARSE_SAMPLES };
+    let per_round = if aim < COARSE { 60 + 15 * dimensions } else { COARSE_SAMPLES };
     let (mut samples, mut curves): (Vec<DVector<f64>>, Vec<Curve>) = (Vec::new(), Vec::new());
     let mut ln_target = Vec::new();
     // ln Σ_rounds of the proposals' densities, sample by sample.
