@@ -32,7 +32,7 @@ help:
 DEMO := out/demo-$(or $(ENGINE),embedded)
 demo: build
 	@gl-calibrate examples/collision $(if $(ENGINE),--engine $(ENGINE)) --out $(DEMO)
-	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w $(DEMO)/posterior-weights.txt \
+	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w $(DEMO)/posterior-runs-weights.txt \
 	 $(DEMO)/ensemble.txt -o $(DEMO)/fit.png
 	@echo; echo "The fit is drawn in $(DEMO)/fit.png, the tables stand beside it."
 	@echo "make report OUT=$(DEMO) puts all of it on a page; docs/tutorial.md goes on from here."
@@ -61,7 +61,7 @@ iteration: build
 	@gl-iterate $(CASE) $(SAMPLES) $(RUNS) --iteration $(or $(ITERATION),0) --out $(OUT) $(GIVEN) || [ $$? -eq 1 ]
 
 ## make submit CASE=…              the same in the queue of SLURM (ENGINE=pbs: of PBS), with nothing that must stay connected;
-##                                  make status and make cancel OUT=… say how it gets on and end it
+##                                  make status and make cancel OUT=… show its progress and end it
 submit: build
 	@gl-submit $(FOR) $(LIMITS) $(GIVEN)
 status: build
@@ -96,6 +96,12 @@ withheld: build
 	         withheld diagnose $$world $$dir --runs $(RUNS) --condition $$condition && \
 	         withheld score $$dir | tee $$dir/score.tsv || exit; dirs="$$dirs $$dir"; done; \
 	     echo "## both, $$condition"; withheld score $$dirs || exit; done
+
+## make coverage REPLICATES=30       how often the intervals of a calibration hold and how many runs it takes, on problems in
+##                                  closed form; SEED=…: other truths
+REPLICATES ?= 30
+coverage: build
+	@mkdir -p out/coverage; coverage -n $(REPLICATES) --seed $(or $(SEED),700) | tee out/coverage/coverage.tsv
 
 ## make bench                       the tools beside GrainLearning on the same data; BENCH=full for the long tasks
 bench: build
@@ -137,4 +143,4 @@ dist:
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld bench man install dist clean
+.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld coverage bench man install dist clean

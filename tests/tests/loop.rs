@@ -24,9 +24,59 @@ fn the_collision_is_calibrated_to_one_percent() {
     let (mean, sd) = stiffness(&folder, "out");
     assert!((mean / STIFFNESS - 1.0).abs() < 0.01, "{mean} is not {STIFFNESS}");
     assert!(sd / STIFFNESS < 0.01, "{sd}");
-    assert!(stdout.starts_with("iteration 0: 30 runs, 0 failed; sigma "), "{stdout}");
+    assert!(stdout.starts_with("iteration 0: 10 runs, 0 failed; the emulator leaves "), "{stdout}");
     assert!(stdout.contains("parameter") && stdout.contains("best run collision_Iter"), "{stdout}");
-    assert!(stderr.contains("stop, by sigma_noise"), "{stderr}");
+    assert!(stderr.contains("stop, by settled"), "{stderr}");
+    let runs = folder.quantity("out/posterior.txt", "runs");
+    assert!(runs <= 26.0, "{runs} runs");
+    assert_eq!(folder.texts("out/posterior-runs-weights.txt", "sample").len() as f64, runs);
+    assert_eq!(folder.texts("out/posterior-weights.txt", "sample").len(), 1000);
+}
+
+#[test]
+fn the_weights_of_real_runs_alone_are_a_setting() {
+    for (key, value) in [("posterior", "\"runs\""), ("emulated", "0"), ("posterior", "\"weights\"")] {
+        let folder = Folder::default();
+        copy_case(&folder, "collision", &[(key, value), ("num", "30"), ("iterations", "2")]);
+        let (stdout, _) = finish(&mut calibrate(&folder, "embedded", "out"));
+        assert!(stdout.starts_with("iteration 0: 30 runs, 0 failed; sigma "), "{stdout}");
+        assert_eq!(folder.read("out/posterior.txt"), folder.read("out/posterior-runs.txt"));
+        let weights = folder.texts("out/posterior-weights.txt", "sample");
+        assert_eq!(weights, folder.texts("out/posterior-runs-weights.txt", "sample"));
+        assert_eq!(folder.path("out/iter0/emulated-weights.txt").exists(), value == "\"weights\"");
+    }
+}
+
+#[test]
+fn where_no_emulator_can_be_trained_the_runs_have_to_do_and_it_is_said() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &[("num", "3"), ("iterations", "3")]);
+    let (stdout, stderr) = finish(&mut calibrate(&folder, "local", "out"));
+    assert!(stderr.contains("by the weights of the runs"), "{stdout}{stderr}");
+    assert!(folder.read("out/iter0/posterior.log").contains("3 runs for 2 inputs"));
+    assert!(folder.read("out/iter0/fallback.txt").contains("no emulator"));
+    assert!(stdout.contains("iteration 2: 9 runs, 0 failed; sigma "), "{stdout}");
+    assert_eq!(folder.texts("out/posterior-weights.txt", "sample").len(), 9);
+    // Called again it finds everything as it was.
+    let before = folder.files();
+    finish(&mut calibrate(&folder, "local", "out"));
+    assert_eq!(before, folder.files());
+}
+
+/// An emulator that did for a while may do no more: the batches that it asked for are weighed all the same.
+#[test]
+fn batches_of_an_emulator_are_weighed_where_the_runs_have_to_do() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[("iterations", "2")]);
+    finish(&mut calibrate(&folder, "embedded", "out"));
+    // As if the last iteration had found it unfit.
+    let verdict = folder.read("out/iter1/posterior-verdict.txt") + "emulator-unfit\t1\tno emulator follows this simulator\n";
+    folder.write("out/iter1/posterior-verdict.txt", verdict);
+    let (stdout, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--until", "3"]));
+    assert!(stderr.contains("no emulator follows this simulator; from here on by the weights"), "{stderr}");
+    assert!(stdout.contains("iteration 2: 44 runs, 0 failed; sigma "), "{stdout}");
+    assert!(folder.path("out/iter1/proposal.txt").exists());
+    assert_eq!(folder.texts("out/posterior-weights.txt", "sample").len(), 44);
 }
 
 /// Normal load alone does not see nu, which stays as its uniform prior on 0 to 0.5 has it, with a standard
@@ -56,7 +106,7 @@ fn what_the_data_cannot_tell_stays_uncertain() {
 fn emulated_samples_save_iterations() {
     let iterations = |emulated: &str| {
         let folder = Folder::default();
-        copy_case(&folder, "collision", &[("emulated", emulated)]);
+        copy_case(&folder, "collision", &[("emulated", emulated), ("num", "30"), ("iterations", "10")]);
         finish(&mut calibrate(&folder, "embedded", "out"));
         assert_eq!(folder.path("out/iter0/emulated-weights.txt").exists(), emulated != "0");
         (0..).take_while(|i| folder.path(&format!("out/iter{i}/stop.code")).exists()).count()
@@ -249,13 +299,13 @@ fn iterations_are_limited_and_added() {
     let (_, stderr) = finish(calibrate(&folder, "embedded", "out").args(["--iterations", "2"]));
     assert_eq!(iterations(), 2);
     assert!(stderr.contains("stop, by iterations"), "{stderr}");
-    assert!(stderr.contains("times that of the noise"), "{stderr}");
+    assert!(stderr.contains("the posterior is not settled"), "{stderr}");
     let first = tables(&folder, "out");
     finish(calibrate(&folder, "embedded", "out").args(["--more", "2"]));
     assert_eq!(iterations(), 4);
     let after = tables(&folder, "out");
     assert!(of_iterations(&first).all(|(file, bytes)| after[file] == *bytes));
-    assert_eq!(folder.quantity("out/iter3/posterior.txt", "runs"), 120.0);
+    assert_eq!(folder.quantity("out/iter3/posterior.txt", "runs"), 22.0);
 }
 
 /// The tables of single iterations, without those that a calibration ends with.
@@ -279,11 +329,11 @@ fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &[]);
     finish(calibrate(&folder, "embedded", "whole").args(["--iterations", "2"]));
-    folder.run("gl-sample -p case/params.txt -n 30 --name collision -o mine.txt");
+    folder.run("gl-sample -p case/params.txt -n 10 --method sobol --name collision -o mine.txt");
     folder.run("gl-contact -s mine.txt mine");
     let (code, stdout, stderr) = iterate(&folder, "case mine.txt mine", 0);
     assert_eq!(code, Some(1), "{stdout}{stderr}");
-    assert!(stdout.contains("iteration 0: 30 runs, 0 failed"), "{stdout}");
+    assert!(stdout.contains("iteration 0: 10 runs, 0 failed"), "{stdout}");
     assert!(stdout.ends_with("next samples: out/iter1/samples.txt\n"), "{stdout}");
     folder.run("gl-contact -s out/iter1/samples.txt next");
     let (code, stdout, stderr) = iterate(&folder, "case out/iter1/samples.txt next", 1);
@@ -293,7 +343,7 @@ fn runs_made_elsewhere_give_the_same_tables_iteration_by_iteration() {
         assert!(out[file] == *bytes, "{} differs", file.display());
     }
     // A run that is there now and failed before is taken in.
-    let run = folder.path("next/collision_Iter1_Sample00_sim.txt");
+    let run = folder.path("next/collision_Iter1_Sample0_sim.txt");
     let text = std::fs::read(&run).unwrap();
     std::fs::remove_file(&run).unwrap();
     iterate(&folder, "case out/iter1/samples.txt next", 1);

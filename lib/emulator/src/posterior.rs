@@ -163,6 +163,10 @@ const PAIRED: usize = 400;
 /// Below this share of the noise's variance, the simulation's scatter makes no difference.
 const SCATTER_COUNTS: f64 = 0.02;
 
+/// An emulator of the best runs alone that leaves more of ln likelihood open than this may know less than one of all
+/// runs.
+const BLIND: f64 = 1.0;
+
 /// The posterior of the parameters that vary from sample to sample.
 ///
 /// The result depends on neither the number of threads nor the order of the runs.
@@ -193,33 +197,34 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     stage.advance();
 
     let ranked = ranked.by_prediction(&first.emulator, &measured)?;
-    let mut surrogate = ranked.best(&measured, options.seed)?;
+    stage.advance();
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
-    let proof = if newest.is_empty() {
-        None
-    } else {
-        proof::prove(&ranked, &newest, &measured, surrogate.recipe, &space, question.samples, options.seed)?
+    let near: Vec<Vec<f64>> = ranked.places()?.into_iter().take(ranked.near()).collect();
+    let through = |mut surrogate: Surrogate| {
+        let proof = if newest.is_empty() {
+            None
+        } else {
+            let recipe = surrogate.recipe;
+            proof::prove(&ranked, &newest, &measured, recipe, &space, question.samples, options.seed)?
+        };
+        if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
+            // What was predicted too boldly may well be so again: of both widths the larger.
+            surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
+        }
+        let near = near.clone();
+        let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
+        let outcome = sampler.settle(likelihood.nuisances(), &population)?;
+        let tables = (question.samples, &ensemble);
+        finish(space.clone(), surrogate, measured.clone(), outcome, proof, &ranked, tables, options)
     };
-    if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
-        // What was predicted too boldly may well be so again: of both widths the larger.
-        surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
+    let inference = through(ranked.best(&measured, options.seed, true)?)?;
+    stage.advance();
+    if !inference.surrogate.recipe.is_local || inference.ignorance <= BLIND {
+        return Ok(inference);
     }
-    stage.advance();
-    let near = ranked.places()?.into_iter().take(ranked.near()).collect();
-    let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
-    let outcome = sampler.settle(likelihood.nuisances(), &population)?;
-    stage.advance();
-
-    finish(
-        space.clone(),
-        surrogate,
-        measured,
-        outcome,
-        proof,
-        &ranked,
-        (question.samples, &ensemble),
-        options,
-    )
+    // An emulator of the best runs alone knows nothing of where the others have shown that nothing fits.
+    let of_all = through(ranked.best(&measured, options.seed, false)?)?;
+    Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
 }
 
 fn measured(question: &Question<'_>, observations: &Observations) -> Result<Measured> {
@@ -385,7 +390,15 @@ impl Sampler<'_> {
         let likelihood = self.likelihood(Nuisances { correlation: vec![true; extra], ..nuisances.clone() });
         let mut points = points.to_vec();
         points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
-        noise::correlated(&likelihood, &fittest(&likelihood, points, 40), self.measured)
+        let points = fittest(&likelihood, points, 40);
+        let by_likelihood = noise::correlated(&likelihood, &points, self.measured);
+        // A noise that is smaller than stated would pass for a correlated one.
+        let emulator = &self.surrogate.emulator;
+        let scores = emulator.mean_scores(&self.space.coordinates(&points[0]));
+        let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
+        let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
+        let steps = self.measured.steps as f64;
+        by_likelihood.into_iter().zip(seen).map(|(is, seen)| is && seen < steps).collect()
     }
 
     fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
@@ -551,7 +564,7 @@ fn finish(
         misfit: fits.iter().map(|fit| fit.square).collect(),
         error: curves.iter().map(error).collect(),
         ln_evidence: population.ln_evidence,
-        independent_readings: noise::readings(&curves[best], &measured),
+        independent_readings: noise::independent(&curves[best], &measured).iter().sum(),
         chi_square,
         ignorance,
         shift_if_known,

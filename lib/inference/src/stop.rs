@@ -116,6 +116,9 @@ const SPREAD: f64 = 0.2;
 /// Of the errors of the newest batch, in standard deviations of what was predicted.
 const PROOF: f64 = 2.0;
 
+/// What stands for the value of something that there is not yet.
+const UNKNOWN: f64 = 1e6;
+
 /// Probability from which errors of the newest batch are chance, however large.
 const CHANCE: f64 = 0.01;
 
@@ -141,7 +144,7 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     }
     let part = |name: &str, value: f64, tolerance: f64, is_met: bool| Criterion {
         is_part: true,
-        ..Criterion::new(name, value.min(1e6), tolerance, is_met)
+        ..Criterion::new(name, value.min(UNKNOWN), tolerance, is_met)
     };
     let below = |name, value: f64, tolerance| part(name, value, tolerance, value <= tolerance);
     let z = summary.proof_z.unwrap_or(f64::INFINITY);
@@ -204,6 +207,15 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
                 100.0 * rest
             ),
         );
+    }
+    if criteria.iter().any(|c| c.name == "settled" && !c.is_met) {
+        let open: Vec<String> = criteria
+            .iter()
+            .filter(|c| c.is_part && !c.is_met && c.value < UNKNOWN)
+            .map(|c| format!("{} is {:.2} where {} is asked", c.name, c.value, c.tolerance))
+            .collect();
+        let why = if open.is_empty() { "no batch has been held against it".to_owned() } else { open.join(", ") };
+        verdicts.add("unsettled", open.len(), format!("the posterior is not settled: {why}; more iterations may change it"));
     }
     let noise = criteria.iter().find(|c| c.name == "sigma_noise");
     if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {

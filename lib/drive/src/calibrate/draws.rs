@@ -52,7 +52,7 @@ impl Iteration<'_> {
             let next = runs_of_iteration(case, self.setting.prior, self.number + 1);
             let call = comparison(call, self.setting.test)
                 .option("--scatter", case.scatter)
-                .option("--seed", Some(case.seed))
+                .option("--seed", Some(case.seed + self.number as u64))
                 .option("--next", Some(next))
                 .flag("--next-out", self.file("next.txt"))
                 .flag("--name", &case.name)

@@ -79,10 +79,11 @@ impl ChiSquare {
     }
 }
 
-/// Independent readings among residuals, shape (observables · steps), by their autocorrelation.
-pub fn readings(residuals: &[f64], measured: &Measured) -> f64 {
+/// Independent readings of each observable among residuals, shape (observables · steps), by their
+/// autocorrelation.
+pub fn independent(residuals: &[f64], measured: &Measured) -> Vec<f64> {
     let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
-    standardised.chunks(measured.steps).map(independent_readings).sum()
+    standardised.chunks(measured.steps).map(independent_readings).collect()
 }
 
 /// Parameters that a measurement decides: Σ 1 − (posterior sd / prior sd)².

@@ -180,13 +180,13 @@ impl<'a> Ranked<'a> {
     }
 
     /// The emulator that predicts the runs near the posterior best, each left out in turn: of smooth or
-    /// less smooth processes, of all runs or of those that fit best with some of the others.
+    /// less smooth processes, of all runs or, where `may_be_local`, of those that fit best with some of the others.
     ///
     /// # Errors
     /// If none can be trained; see [`Emulator::fit`].
-    pub fn best(&self, measured: &Measured, seed: u64) -> Result<Surrogate> {
+    pub fn best(&self, measured: &Measured, seed: u64, may_be_local: bool) -> Result<Surrogate> {
         let mut candidates = Vec::new();
-        let is_local_possible = self.len() / 2 >= 5 * (self.space.len() + 1);
+        let is_local_possible = may_be_local && self.len() / 2 >= 5 * (self.space.len() + 1);
         for is_local in [false, true] {
             for kernel in [Kernel::Matern, Kernel::Gaussian] {
                 if !is_local || is_local_possible {
