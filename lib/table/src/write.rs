@@ -1,10 +1,13 @@
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use csv::{QuoteStyle, WriterBuilder};
+use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 use serde::de::DeserializeOwned;
 use serde::{Serialize, Serializer};
 use tempfile::{Builder, NamedTempFile};
@@ -44,7 +47,7 @@ enum Inner {
     /// A device or a pipe, which cannot be renamed onto.
     Special(BufWriter<File>),
     File {
-        writer: BufWriter<NamedTempFile>,
+        writer: BufWriter<Part>,
         destination: PathBuf,
     },
     Finished,
@@ -97,7 +100,8 @@ impl Sink {
             _ => {
                 // A link is followed, so that what it points at is replaced and not the link.
                 let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-                let part = part_beside(&destination, &name)?;
+                ensure!(destination.file_name().is_some(), "{name}: is not the name of a file");
+                let part = Part::beside(&destination).with_context(cannot)?;
                 Inner::File { writer: BufWriter::with_capacity(BUFFER, part), destination }
             }
         };
@@ -114,33 +118,93 @@ impl Sink {
             Inner::Stdout { mut writer, .. } => writer.flush().context(cannot),
             Inner::Special(mut writer) => writer.flush().context(cannot),
             Inner::File { writer, destination } => {
-                let file = writer.into_inner().map_err(io::IntoInnerError::into_error);
-                file.and_then(|file| {
-                    file.as_file().sync_all()?;
-                    file.persist(&destination)?;
-                    Ok(())
-                })
-                .context(cannot)
+                let part = writer.into_inner().map_err(io::IntoInnerError::into_error);
+                part.and_then(|part| part.put(&destination)).context(cannot)
             }
             Inner::Finished => Ok(()),
         }
     }
 }
 
-/// A file beside `destination` that nobody else has: `.NAME.XXXXXX.part`.
-fn part_beside(destination: &Path, name: &str) -> Result<NamedTempFile> {
-    let file_name = destination.file_name().with_context(|| format!("{name}: is not the name of a file"))?;
-    let mut prefix = std::ffi::OsString::from(".");
-    prefix.push(file_name);
+/// What is to become a file, where nobody else sees or writes it.
+#[derive(Debug)]
+enum Part {
+    /// Without a name, so that nothing of it is left when this program is killed.
+    Unnamed(File),
+    /// `.NAME.XXXXXX.part` beside its destination, on file systems that want a name.
+    Named(NamedTempFile),
+}
+
+/// What the user's mask leaves of it.
+const MODE: u32 = 0o666;
+
+impl Part {
+    fn beside(destination: &Path) -> io::Result<Self> {
+        let can_be_named_later = Path::new("/proc/self/fd").exists();
+        if can_be_named_later
+            && let Ok(file) = rustix::fs::open(
+                folder_of(destination),
+                OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC,
+                Mode::from_raw_mode(MODE),
+            )
+        {
+            return Ok(Self::Unnamed(File::from(file)));
+        }
+        let permissions = fs::Permissions::from_mode(MODE);
+        let name = prefix(destination);
+        let mut builder = Builder::new();
+        builder.prefix(&name).suffix(".part").permissions(permissions);
+        builder.tempfile_in(folder_of(destination)).map(Self::Named)
+    }
+
+    /// Put it into the place of `destination`, once all of it is on the disk.
+    fn put(self, destination: &Path) -> io::Result<()> {
+        let named = match self {
+            Self::Named(file) => {
+                file.as_file().sync_all()?;
+                file
+            }
+            Self::Unnamed(file) => {
+                file.sync_all()?;
+                let own = format!("/proc/self/fd/{}", file.as_raw_fd());
+                let link = |path: &Path| {
+                    rustix::fs::linkat(CWD, own.as_str(), CWD, path, AtFlags::SYMLINK_FOLLOW)?;
+                    file.try_clone()
+                };
+                Builder::new()
+                    .prefix(&prefix(destination))
+                    .suffix(".part")
+                    .make_in(folder_of(destination), link)?
+            }
+        };
+        named.persist(destination)?;
+        Ok(())
+    }
+}
+
+impl Write for Part {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Unnamed(file) => file.write(bytes),
+            Self::Named(file) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn folder_of(destination: &Path) -> &Path {
+    destination.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// How the name of a part begins.
+fn prefix(destination: &Path) -> OsString {
+    let mut prefix = OsString::from(".");
+    prefix.push(destination.file_name().unwrap_or_default());
     prefix.push(".");
-    let folder = destination.parent().filter(|folder| !folder.as_os_str().is_empty());
-    Builder::new()
-        .prefix(&prefix)
-        .suffix(".part")
-        // What the user's mask leaves of it.
-        .permissions(fs::Permissions::from_mode(0o666))
-        .tempfile_in(folder.unwrap_or(Path::new(".")))
-        .with_context(|| format!("{name}: cannot be written"))
+    prefix
 }
 
 impl Write for Sink {
