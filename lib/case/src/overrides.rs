@@ -87,10 +87,10 @@ fn readings(text: &str) -> Vec<Value> {
 
 /// A document of nothing but one setting.
 fn document(path: &str, value: &Value) -> String {
-    let mut parts = path.rsplit('.');
+    let parts = path.rsplit('.');
     let mut value = value.clone();
     let mut table = toml::Table::new();
-    while let Some(part) = parts.next() {
+    for part in parts {
         table = toml::Table::from_iter([(part.to_owned(), value)]);
         value = Value::Table(table.clone());
     }

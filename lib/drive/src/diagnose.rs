@@ -177,7 +177,8 @@ impl Diagnosis<'_> {
     }
 
     fn report(&self) -> Result<()> {
-        if !gl_cli::sibling("gl-report").is_file() {
+        let tables = ["locate.txt", "attribution.txt", "shrink.txt"].map(|name| self.file(name));
+        if !gl_cli::sibling("gl-report").is_file() || is_current(&self.file("report.md"), &tables)? {
             return Ok(());
         }
         let call = Call::new("gl-report").arg(&self.case.folder).flag("--engine", self.engine.name());

@@ -322,7 +322,7 @@ mod tests {
         join(&[one, two], &all, None).unwrap();
         assert_eq!(fs::read_to_string(&all).unwrap(), "a\tb\n1\t2\n3\t4\n5\t6\n");
         let wanted = Wanted { column: "a", is_wanted: &|a| a != "3" };
-        join(&[all.clone()], &all.with_file_name("4"), Some(&wanted)).unwrap();
+        join(std::slice::from_ref(&all), &all.with_file_name("4"), Some(&wanted)).unwrap();
         assert_eq!(fs::read_to_string(all.with_file_name("4")).unwrap(), "a\tb\n1\t2\n5\t6\n");
     }
 }

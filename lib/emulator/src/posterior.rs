@@ -368,7 +368,7 @@ impl Sampler<'_> {
         if test.is_some_and(ChiSquare::is_worse) || self.is_missed(&nuisances, &best) {
             // The first look may have seen the wrong place: again, from the whole prior.
             let plain = Nuisances { correlation: vec![false; correlated.len()], ..nuisances.clone() };
-            let again = self.from_whole_prior(&plain)?;
+            let again = self.sample_whole_prior(&plain)?;
             if self.best(&plain, &again).1.ln > best.1.ln + MISSED {
                 correlated = self.correlated(&plain, &again.points);
                 nuisances = self.with_correlation(&plain, &correlated);
@@ -434,7 +434,7 @@ impl Sampler<'_> {
     }
 
     /// Sample from the whole prior on.
-    fn from_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
+    fn sample_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
         let likelihood = self.likelihood(nuisances.clone());
         let posterior = Posterior { likelihood: &likelihood, space: self.space, start: None };
         let seed = self.options.seed ^ 0x411;

@@ -38,7 +38,7 @@ impl Grid {
             let cells = || rows.iter().map(|row| row[j].as_str()).filter(|cell| !is_empty(cell));
             Column {
                 name: name.into(),
-                is_number: cells().next().is_some() && cells().all(|cell| starts_as_number(cell)),
+                is_number: cells().next().is_some() && cells().all(starts_as_number),
                 is_prose: cells().any(|cell| cell.chars().count() > LONG && cell.contains(' ')),
             }
         };
