@@ -366,6 +366,7 @@ END
     sed -i '/^\[model\]/,$d' case/case.toml
     local names
     names=$(printf '%s\n' description key && awk -F '[ \t]+' 'NR > 1 && NF && !/^#/ { print $1 }' case/params.txt)
+    # shellcheck disable=SC2001  # a name a line
     cat >>case/case.toml <<END
 [model]
 local = "{case}/one $(paste -sd : <<<"$names") $(sed 's/.*/{&}/' <<<"$names" | paste -sd :)"
