@@ -33,7 +33,7 @@ commands_of_the_readme_run() { with_commands_of README.md; }
 the_demo_ends_with_a_verdict_and_a_picture() {
     with_project
     make demo >out.txt 2>&1
-    grep -q 'gl-check-stop: stop, by sigma_noise' out.txt
+    grep -q 'gl-check-stop: stop, by settled' out.txt
     grep -q 'fit is drawn in out/demo-embedded/fit.png' out.txt
     [ -s out/demo-embedded/fit.png ]
     make report OUT=out/demo-embedded >out.txt 2>&1

@@ -28,6 +28,7 @@ control = "x"
 observables = ["y"]
 num = 12
 iterations = 3
+posterior = "weights"
 noise = { y = 0.2 }
 model.local = "{case}/model {description} {key} {a} {b}"
 

@@ -116,7 +116,10 @@ impl Calibration {
         let last =
             iterations.last().with_context(|| format!("{}: no iteration is finished", folder.display()))?;
         let stop = Table::read(&last.join("stop.txt"))?;
-        let met = stop.format().column("met")?;
+        let (criterion, met) = (stop.format().column("criterion")?, stop.format().column("met")?);
+        // These are only together a reason to stop, as `settled`.
+        let is_part = |row| ["ignorance", "shift", "spread", "proof"].contains(&stop.field(row, criterion));
+        let is_done = (0..stop.len()).any(|row| stop.field(row, met) == "yes" && !is_part(row));
         let tempered = iterations.iter().map(|iteration| Known::read(iteration.join("summary.txt")));
         Ok(Self {
             folder: folder.to_owned(),
@@ -124,7 +127,7 @@ impl Calibration {
             tempered: tempered.collect::<Result<_>>()?,
             verdict: verdict::read_all(&[last.join("stop-verdict.txt"), last.join("posterior-verdict.txt")])?,
             is_drawn: last.join("posterior-runs-weights.txt").exists(),
-            is_done: (0..stop.len()).any(|row| stop.field(row, met) == "yes"),
+            is_done,
             iterations,
         })
     }
