@@ -92,6 +92,8 @@ pub struct Case {
     pub folder: PathBuf,
     /// First part of the name of each run.
     pub name: String,
+    /// Its table of parameters, from the folder.
+    pub params: String,
     /// What was measured; one test at present.
     pub tests: Vec<Test>,
     /// Units of columns and parameters, for axes.
@@ -217,6 +219,7 @@ impl Case {
         Ok(Self {
             folder: folder.to_owned(),
             name,
+            params: file.params.unwrap_or_else(|| "params.txt".to_owned()),
             tests: vec![test],
             units: file.units.unwrap_or_default(),
             truth: file.truth.unwrap_or_default(),
@@ -251,7 +254,7 @@ impl Case {
 
     /// The table of parameters.
     pub fn params(&self) -> PathBuf {
-        self.folder.join("params.txt")
+        self.folder.join(&self.params)
     }
 
     /// `case.toml` itself.

@@ -16,6 +16,7 @@ pub(crate) struct File {
     pub(crate) name: Option<String>,
     pub(crate) control: Option<String>,
     pub(crate) observables: Option<Vec<String>>,
+    pub(crate) params: Option<String>,
     #[serde(deserialize_with = "positive_by_name")]
     pub(crate) noise: Option<Vec<(String, f64)>>,
     #[serde(deserialize_with = "positive_by_name")]
@@ -76,6 +77,9 @@ pub struct Tolerances {
     /// Of the error of the best run, as a share of the range.
     #[serde(deserialize_with = "not_negative")]
     pub error: Option<f64>,
+    /// Of sigma over what the best run leaves, in what noise alone would.
+    #[serde(deserialize_with = "not_negative")]
+    pub misfit: Option<f64>,
     /// Of the mean error of the weighted runs, as a share of the range.
     #[serde(deserialize_with = "not_negative")]
     pub ensemble_error: Option<f64>,

@@ -15,10 +15,11 @@ pub(crate) struct Override {
 }
 
 /// Names that settings have had, and those that they have.
-const FORMER: [(&str, &str); 3] = [
+const FORMER: [(&str, &str); 4] = [
     ("sigma_tol", "tolerances.sigma"),
     ("error_tol", "tolerances.error"),
     ("ensemble_error_tol", "tolerances.ensemble_error"),
+    ("misfit_tol", "tolerances.misfit"),
 ];
 
 /// What names the runs and the columns is the case itself, and not a setting.

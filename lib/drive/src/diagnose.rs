@@ -3,6 +3,12 @@
 
 mod design;
 
+/// Weights of the real runs of a calibration: their curves are what is held against the measurement, scatter and all.
+const RUNS_WEIGHTS: &str = "posterior-runs-weights.txt";
+
+/// The prior with the bounds that the design has gone beyond, in the folder of the diagnosis.
+const WIDER_PRIOR: &str = "wider-params.txt";
+
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -45,12 +51,21 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let settings = request.keep(engine, &out)?;
     let diagnosis =
         Diagnosis { case: &case, engine, model, request, wait, runner: &runner, out: &out, settings };
-    if diagnosis.base()? == Progress::InQueue {
+    let base = diagnosis.file("base");
+    if diagnosis.calibrate(&base, None)? == Progress::InQueue {
         return Ok(Progress::InQueue);
     }
-    diagnosis.locate()?;
+    diagnosis.locate(&base)?;
     if diagnosis.attribute()? == Progress::InQueue {
         return Ok(Progress::InQueue);
+    }
+    // What the prior excluded is no gap of the model.
+    if diagnosis.wider_prior().is_some() {
+        let base = diagnosis.base();
+        if diagnosis.calibrate(&base, None)? == Progress::InQueue {
+            return Ok(Progress::InQueue);
+        }
+        diagnosis.locate(&base)?;
     }
     let effects = diagnosis.winner()?;
     if diagnosis.shrink(&effects)? == Progress::InQueue {
@@ -82,10 +97,17 @@ impl Diagnosis<'_> {
             call = call.arg("--no-wait");
         }
         if self.case.posterior == Posterior::Emulator {
-            // What comes after weighs curves of real runs, scatter and all.
+            // What comes after weighs curves of real runs, scatter and all; and a model with a gap is the very one of
+            // which an emulator's posterior is not settled for long.
             call = call.arg("posterior=weights");
         }
+        if self.case.tolerances.misfit.is_none() {
+            call = call.arg("misfit_tol=1");
+        }
         call = call.args(&self.request.given);
+        if let Some(wider) = self.wider_prior().filter(|_| out != self.file("base")) {
+            call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
+        }
         if let Some(effects) = effects {
             call = call.arg(format!("effects={effects}"));
         }
@@ -97,21 +119,27 @@ impl Diagnosis<'_> {
         Ok(Progress::Finished)
     }
 
-    fn base(&self) -> Result<Progress> {
-        self.calibrate(&self.file("base"), None)
+    /// The prior with its bounds moved to where the design has gone, if it went beyond them.
+    fn wider_prior(&self) -> Option<PathBuf> {
+        Some(self.file(WIDER_PRIOR)).filter(|wider| wider.is_file())
+    }
+
+    /// The calibration of the base model that the gap is measured from: with the wider prior, if there is one.
+    fn base(&self) -> PathBuf {
+        self.file(if self.wider_prior().is_some() { "base-wider" } else { "base" })
     }
 
     /// Where the calibrated model misses the measurement.
-    fn locate(&self) -> Result<()> {
+    fn locate(&self, base: &Path) -> Result<()> {
         let table = self.file("locate.txt");
-        if is_current(&table, &[self.file("base/posterior.txt")])? {
+        if is_current(&table, &[base.join("posterior.txt")])? {
             return Ok(());
         }
         let call = measurement(Call::new("gl-gap-locate"), &self.case.tests[0])
-            .flag("-w", self.file("base/posterior-weights.txt"))
+            .flag("-w", base.join(RUNS_WEIGHTS))
             .verdict(&self.file("locate-verdict.txt"))
             .flag("-o", &table)
-            .arg(self.file("base/ensemble.txt"));
+            .arg(base.join("ensemble.txt"));
         self.must(&call, "locate.log")
     }
 
@@ -134,20 +162,17 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
-        let inputs = [self.file("winner.txt"), self.file("base/posterior.txt"), after.join("posterior.txt")];
+        let base = self.base();
+        let inputs = [self.file("winner.txt"), base.join("posterior.txt"), after.join("posterior.txt")];
         if is_current(&table, &inputs)? {
             return Ok(Progress::Finished);
         }
         let both = |folder: &Path| {
-            format!(
-                "{},{}",
-                folder.join("ensemble.txt").display(),
-                folder.join("posterior-weights.txt").display()
-            )
+            format!("{},{}", folder.join("ensemble.txt").display(), folder.join(RUNS_WEIGHTS).display())
         };
         let call = measurement(Call::new("gl-gap-shrink"), &self.case.tests[0])
             .option("--scatter", self.case.scatter)
-            .flag("--before", both(&self.file("base")))
+            .flag("--before", both(&base))
             .flag("--after", both(&after));
         if let Some(steps) = &self.case.tests[0].steps {
             let unseen = call

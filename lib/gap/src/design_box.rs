@@ -8,6 +8,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+
+use crate::attribute::lean;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::weights::Weights;
 use gl_table::Table;
@@ -54,8 +56,14 @@ pub fn narrow(prior: &Prior, weights: &Weights) -> Result<Prior> {
 pub struct Lean {
     /// The parameter.
     pub parameter: String,
-    /// −1 the lower bound, 1 the upper, 0 none.
+    /// −1 the lower bound, 1 the upper, 0 none; −2 and 2 where the measurement pulls it beyond.
     pub side: f64,
+}
+
+impl From<&lean::Lean> for Lean {
+    fn from(found: &lean::Lean) -> Self {
+        Self { parameter: found.parameter.clone(), side: if found.is_upper { PULLED } else { -PULLED } }
+    }
 }
 
 /// What hypotheses lean on: the table of `gl-gap-attribute --posterior-out`.
@@ -70,12 +78,31 @@ pub fn read_leans(path: &Path) -> Result<Vec<Lean>> {
     Ok(sides.into_iter().enumerate().map(lean).collect())
 }
 
-/// The box, its width added on each side that a hypothesis leans on, as far as the prior allows; `None` where no
+/// The size of a side to which the measurement pulls a parameter beyond its bound.
+const PULLED: f64 = 2.0;
+
+/// How far a box may grow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limit {
+    /// To the bounds of the prior.
+    Prior,
+    /// Beyond them, where the measurement pulls a parameter there, by half the prior's width a time and its whole width
+    /// at the most: what was believed beforehand is in doubt then. What is not negative stays so.
+    Beyond,
+}
+
+/// Share of the prior's width by which a box grows beyond it at a time.
+const STEP_BEYOND: f64 = 0.5;
+
+/// Widths of the prior that a box may lie beyond it at the most.
+const MOST_BEYOND: f64 = 1.0;
+
+/// The box, its width added on each side that a hypothesis leans on, as far as the limit allows; `None` where no
 /// hypothesis leans on a bound that can be moved.
 ///
 /// # Errors
 /// If a parameter of the box is not in the prior.
-pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean]) -> Result<Option<Prior>> {
+pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean], limit: Limit) -> Result<Option<Prior>> {
     let leaning = |is_of: fn(f64) -> bool| -> BTreeSet<&str> {
         leans.iter().filter(|lean| is_of(lean.side)).map(|lean| lean.parameter.as_str()).collect()
     };
@@ -89,17 +116,93 @@ pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean]) -> Result<Option<P
             whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
         let (low, high) = parameter.scaled_bounds();
         let mut wider = parameter.clone();
-        if to_lower.contains(name) && parameter.lower > whole.lower {
-            wider.lower = between(whole, low - (high - low), high).lower;
-            is_wider = true;
+        let limit_of = |side: f64| {
+            let is_pulled = leans.iter().any(|lean| lean.parameter == name && lean.side * side >= PULLED);
+            if is_pulled { limit } else { Limit::Prior }
+        };
+        if to_lower.contains(name) {
+            wider.lower = if parameter.lower > whole.lower {
+                between(whole, low - (high - low), high).lower
+            } else {
+                beyond(parameter.lower, whole, limit_of(-1.0), -1.0)
+            };
         }
-        if to_upper.contains(name) && parameter.upper < whole.upper {
-            wider.upper = between(whole, low, high + (high - low)).upper;
-            is_wider = true;
+        if to_upper.contains(name) {
+            wider.upper = if parameter.upper < whole.upper {
+                between(whole, low, high + (high - low)).upper
+            } else {
+                beyond(parameter.upper, whole, limit_of(1.0), 1.0)
+            };
         }
+        is_wider |= (wider.lower, wider.upper) != (parameter.lower, parameter.upper);
         parameters.push(wider);
     }
     Ok(is_wider.then(|| Prior::new(parameters)))
+}
+
+/// A bound of the box at or beyond that of the whole prior on one side, −1 the lower and 1 the upper, moved on.
+fn beyond(bound: f64, whole: &Parameter, limit: Limit, side: f64) -> f64 {
+    if limit == Limit::Prior {
+        return bound;
+    }
+    let (low, high) = whole.scaled_bounds();
+    let (width, edge) = (high - low, if side < 0.0 { low } else { high });
+    let already = side * (whole.scale.forward(bound) - edge) / width;
+    let further = (already + STEP_BEYOND).min(MOST_BEYOND);
+    if further <= already {
+        return bound;
+    }
+    let moved = whole.scale.back(edge + side * further * width);
+    // A length, a stiffness, a share keeps its sign.
+    let (is_positive, is_negative) = (whole.lower >= 0.0, whole.upper <= 0.0);
+    if (is_positive && moved <= 0.0) || (is_negative && moved >= 0.0) { bound / 2.0 } else { moved }
+}
+
+/// A box that ends beyond the prior where runs do: most of the runs made out there have failed, so that the bound is one
+/// of the simulation.
+///
+/// * `made`, `done` — values of the runs that were made, and of those of them that were done, shape (runs, parameters of
+///   the box).
+///
+/// # Errors
+/// If a parameter of the box is not in the prior.
+pub fn within_runs(prior: &Prior, wider: &Prior, made: &[Vec<f64>], done: &[Vec<f64>]) -> Result<Prior> {
+    let trimmed = |(j, own): (usize, &Parameter)| {
+        let whole = prior.parameters().iter().find(|whole| whole.name == own.name);
+        let whole = whole
+            .with_context(|| format!("the box has a parameter {}, which the prior has not", own.name))?;
+        let count = |runs: &[Vec<f64>], is_out: &dyn Fn(f64) -> bool| {
+            runs.iter().filter(|run| is_out(run[j])).count()
+        };
+        let fail = |is_out: &dyn Fn(f64) -> bool| 2 * count(done, is_out) < count(made, is_out);
+        let mut trimmed = own.clone();
+        let places = done.iter().map(|run| run[j]);
+        if own.upper > whole.upper && fail(&|value| value > whole.upper) {
+            trimmed.upper = places.clone().fold(whole.upper, f64::max);
+        }
+        if own.lower < whole.lower && fail(&|value| value < whole.lower) {
+            trimmed.lower = places.fold(whole.lower, f64::min);
+        }
+        Ok(trimmed)
+    };
+    Ok(Prior::new(wider.parameters().iter().enumerate().map(trimmed).collect::<Result<_>>()?))
+}
+
+/// The prior, with its bounds where a box lies beyond them; `None` where it does nowhere.
+///
+/// # Errors
+/// If a parameter of the prior is not in the box.
+pub fn with_beyond(prior: &Prior, wider: &Prior) -> Result<Option<Prior>> {
+    let joined = |whole: &Parameter| {
+        let own = wider.parameters().iter().find(|own| own.name == whole.name);
+        let own = own.with_context(|| format!("the box has no parameter {}", whole.name))?;
+        let mut joined = whole.clone();
+        (joined.lower, joined.upper) = (whole.lower.min(own.lower), whole.upper.max(own.upper));
+        Ok(joined)
+    };
+    let joined: Vec<Parameter> = prior.parameters().iter().map(joined).collect::<Result<_>>()?;
+    let is_beyond = joined.iter().zip(prior.parameters()).any(|(joined, whole)| joined != whole);
+    Ok(is_beyond.then(|| Prior::new(joined)))
 }
 
 /// A parameter between two places on its own scale, inside its bounds.
@@ -173,8 +276,34 @@ mod tests {
             prior("name lower upper scale effect off\na 3 7 - - -\nb 10 100 log - -\nc 0 1 - extra 0\n");
         let lean = |parameter: &str, side: f64| Lean { parameter: parameter.to_owned(), side };
         let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
-        let wider = widen(&prior(PARAMS), &narrowed, &leans).unwrap().unwrap();
+        let wider = widen(&prior(PARAMS), &narrowed, &leans, Limit::Prior).unwrap().unwrap();
         has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
-        assert_eq!(widen(&prior(PARAMS), &narrowed, &[lean("a", 0.0), lean("c", 1.0)]).unwrap(), None);
+        let none = [lean("a", 0.0), lean("c", 1.0)];
+        assert_eq!(widen(&prior(PARAMS), &narrowed, &none, Limit::Prior).unwrap(), None);
+    }
+
+    #[test]
+    fn a_box_grows_beyond_the_prior_twice_by_half_its_width_and_keeps_its_sign() {
+        let lean = |parameter: &str, side: f64| Lean { parameter: parameter.to_owned(), side };
+        let leans = [lean("a", -2.0), lean("b", 2.0), lean("c", 2.0)];
+        let whole =
+            prior("name lower upper scale effect off\na 2 10 - - -\nb 1 10000 log - -\nc 0.5 1 - extra 0\n");
+        let once = widen(&whole, &whole, &leans, Limit::Beyond).unwrap().unwrap();
+        has_bounds(&once, [(1.0, 10.0), (1.0, 1e6), (0.5, 1.25)]);
+        let twice = widen(&whole, &once, &leans, Limit::Beyond).unwrap().unwrap();
+        has_bounds(&twice, [(0.5, 10.0), (1.0, 1e8), (0.5, 1.5)]);
+        let more = widen(&whole, &twice, &leans[1..], Limit::Beyond).unwrap();
+        assert_eq!(more, None);
+        let leans_only = [lean("a", -1.0), lean("b", 1.0)];
+        assert_eq!(widen(&whole, &whole, &leans_only, Limit::Beyond).unwrap(), None);
+        let narrow =
+            prior("name lower upper scale effect off\na 3 7 - - -\nb 1 1e6 log - -\nc 0.5 1 - extra 0\n");
+        has_bounds(&with_beyond(&whole, &narrow).unwrap().unwrap(), [(2.0, 10.0), (1.0, 1e6), (0.5, 1.0)]);
+        assert_eq!(with_beyond(&whole, &whole).unwrap(), None);
+        // Beyond 2 for a runs are done, beyond 1e4 for b most fail.
+        let done = [vec![1.5, 10.0, 1.1], vec![3.0, 2e4, 1.2]];
+        let made = [&done[..], &[vec![3.0, 5e4, 1.0], vec![3.0, 6e4, 1.0]]].concat();
+        let trimmed = within_runs(&whole, &once, &made, &done).unwrap();
+        has_bounds(&trimmed, [(1.0, 10.0), (1.0, 2e4), (0.5, 1.25)]);
     }
 }

@@ -17,6 +17,8 @@ pub struct Tolerances {
     pub ensemble_error: Option<f64>,
     /// Of the error of the best run.
     pub error: Option<f64>,
+    /// Of σ over what the best run leaves of the measurement, as a share of what noise alone would.
+    pub misfit: Option<f64>,
     /// Number of iterations.
     pub iterations: Option<usize>,
 }
@@ -93,6 +95,12 @@ pub fn criteria(
         // Tempering that went below the noise, for want of a floor, has not come to rest on it.
         let is_met = (value - tolerance).abs() <= 1e-9 * tolerance && noise_is_settled(summary, previous);
         criteria.push(Criterion::new("sigma_noise", value, tolerance, is_met));
+    }
+    if let Some(tolerance) = tolerances.misfit {
+        let value = known("sigma", summary.sigma)?
+            / known("best_misfit_over_noise", summary.best_misfit_over_noise)?.max(f64::MIN_POSITIVE);
+        let is_met = value <= tolerance && is_at_rest(summary, previous);
+        criteria.push(Criterion::new("sigma_misfit", value, tolerance, is_met));
     }
     if let Some(most) = tolerances.iterations {
         let Some(iteration) = iteration else {
@@ -172,6 +180,21 @@ fn noise_is_settled(summary: &Summary, previous: &Previous) -> bool {
         Previous::Iteration(before) => {
             summary.sigma_noise.zip(before.sigma_noise).is_some_and(|(now, then)| now >= SETTLED * then)
         }
+    }
+}
+
+/// The best run has come to rest where its misfit has fallen by no more than this share since the iteration before.
+const RESTING: f64 = 0.1;
+
+/// Whether the best run fits hardly better than that of the iteration before.
+fn is_at_rest(summary: &Summary, previous: &Previous) -> bool {
+    match previous {
+        Previous::NotAsked => true,
+        Previous::First => false,
+        Previous::Iteration(before) => summary
+            .best_misfit
+            .zip(before.best_misfit)
+            .is_some_and(|(now, then)| now >= (1.0 - RESTING) * then),
     }
 }
 

@@ -32,7 +32,8 @@ use gl_table::Sink;
 pub fn write(case: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Vec<PathBuf>> {
     let case = case::Case::read(case, engine, out, given)?;
     let has_base = out.join("base").is_dir();
-    let base = if has_base { out.join("base") } else { out.to_owned() };
+    let wider = Some(out.join("base-wider")).filter(|wider| wider.is_dir());
+    let base = if has_base { wider.unwrap_or_else(|| out.join("base")) } else { out.to_owned() };
     ensure!(
         base.join("posterior.txt").exists(),
         "{}: no calibration there; gl-calibrate {} --out {} makes one",

@@ -75,6 +75,7 @@ const DOUBTS: &[&str] = &[
     "few-runs",
     "blind",
     "leans",
+    "beyond-prior",
     // of gl-posterior
     "emulator-unfit",
     "emulator-ignorant",
@@ -98,7 +99,7 @@ pub fn is_answer(code: &str) -> bool {
     ANSWERS.contains(&code)
 }
 
-const ANSWERS: &[&str] = &["cause", "cause-with-rest", "unsettled", "unexplained", "none"];
+const ANSWERS: &[&str] = &["cause", "cause-with-rest", "part", "unsettled", "unexplained", "none"];
 
 #[cfg(test)]
 mod tests {

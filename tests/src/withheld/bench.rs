@@ -203,10 +203,10 @@ impl Bench {
     }
 
     /// Run samples of a prior, which may lack some effects: an iteration of a design. With `scatter` every
-    /// run is of another specimen.
+    /// run is of another specimen. What the world refuses, beyond its bounds, has no run.
     ///
     /// # Errors
-    /// If a run fails.
+    /// If the iteration is none, or every run fails.
     pub fn run(
         &self,
         prior: &Prior,
@@ -220,19 +220,21 @@ impl Bench {
             .par_iter()
             .enumerate()
             .map(|(run, values)| {
-                let curves = self.simulate(&self.with_rest_off(prior, values))?;
+                let curves = self.simulate(&self.with_rest_off(prior, values)).ok()?;
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
                 random.set_stream(run as u64);
-                Ok(if scatter { scattered(&curves, &factor, &mut random) } else { curves })
+                Some(if scatter { scattered(&curves, &factor, &mut random) } else { curves })
             })
-            .collect::<Result<Vec<_>>>()?;
+            .collect::<Vec<Option<_>>>();
         let names = sample_names(self.name, iteration, values.len())?;
         let empty = self.observations("design", vec![Vec::new(); self.observables]);
         let mut ensemble = Ensemble::new(&empty, false);
         for (name, curves) in names.iter().zip(&curves) {
-            ensemble.push(name, curves, None);
+            if let Some(curves) = curves {
+                ensemble.push(name, curves, None);
+            }
         }
-        ensure!(!ensemble.is_empty(), "an empty design");
+        ensure!(!ensemble.is_empty(), "an empty design, or one of which every run fails");
         Ok((Samples { source: "samples".to_owned(), names, parameters: prior.names(), values }, ensemble))
     }
 }

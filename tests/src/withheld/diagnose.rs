@@ -13,10 +13,13 @@ use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
+use gl_gap::design_box::{self, Limit, widen};
+use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
+use gl_numeric::sequence::Method;
 use gl_table::{Table, TableWriter};
 use rayon::prelude::*;
 
@@ -57,23 +60,28 @@ struct Design {
 }
 
 impl Design {
-    /// The emulator of these runs and of further ones, good enough for a noise, shape (observables, steps).
+    /// These runs and further ones as iteration `round`, with a prior that may be wider, and an emulator of all of
+    /// them, good enough for a noise, shape (observables, steps).
     fn with_runs(
         &self,
         bench: &Bench,
-        values: Vec<Vec<f64>>,
+        (prior, values): (Prior, Vec<Vec<f64>>),
         noise: Option<&Vec<Vec<f64>>>,
-        specimens: u64,
-    ) -> Result<Emulator> {
-        let (samples, more) = bench.run(&self.prior, values, self.is_scattered, 1, specimens)?;
+        (round, specimens): (usize, u64),
+    ) -> Result<Self> {
+        let (samples, more) = bench.run(&prior, values, self.is_scattered, round, specimens)?;
         let samples = Samples::concatenate(vec![self.samples.clone(), samples])?;
         let mut ensemble = self.ensemble.clone();
         for (run, name) in more.samples.iter().enumerate() {
             ensemble.push(name, &more.curves(run), None);
         }
-        emulate(&self.prior, &samples, &ensemble, noise, self.seed)
+        let emulator = emulate(&prior, &samples, &ensemble, noise, self.seed)?;
+        Ok(Self { prior, samples, ensemble, is_scattered: self.is_scattered, emulator, seed: self.seed })
     }
 }
+
+/// The prior is made wider so often at the most, as `gl-diagnose` does.
+const WIDEST: usize = 2;
 
 /// A measurement, and the effects of the measurement that may be behind it.
 struct Case {
@@ -132,35 +140,58 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     write(&list, &verdicts, &dir.join("verdicts.tsv"))
 }
 
-/// What a case comes down to, and how far the gap should close if an effect comes first.
-type Verdict = (Diagnosis, Option<Shrink>);
+/// What a case comes down to, how far the gap should close if an effect comes first, and whether the prior was made
+/// wider.
+type Verdict = (Diagnosis, Option<Shrink>, bool);
 
-fn verdict(bench: &Bench, how: How, design: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
+fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
-    let prior = &design.prior;
-    let simulated = prior.effects().into_iter().map(Candidate::Simulated);
+    let simulated = shared.prior.effects().into_iter().map(Candidate::Simulated);
     let measured = MeasurementEffect::all(kinds, &observations.names).into_iter().map(Candidate::Measured);
     let candidates: Vec<Candidate> = simulated.chain(measured).collect();
     let noise = observations.noise(&ByName::default())?;
-    let problem =
-        |predictor| Problem::new(predictor, prior, candidates.clone(), observations, noise.clone(), 1.0);
-    let refined = if how.in_two_rounds {
-        let problem = problem(&design.emulator)?;
-        let rough = diagnosis::diagnose(&problem, 2, how.seed)?;
-        let count = (how.runs - how.first()) * prior.parameters().len();
-        let values = next_runs(&problem, &rough.attribution.explanations, count, how.seed)?;
-        Some(design.with_runs(bench, values, noise.as_ref(), *specimens)?)
-    } else {
-        None
+    let all = how.runs * shared.prior.parameters().len();
+    let (mut own, mut widened, mut is_pointed) = (None::<Design>, 0, !how.in_two_rounds);
+    let diagnosed = |design: &Design| -> Result<Verdict> {
+        let world =
+            how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
+        let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
+        let problem =
+            Problem::new(predictor, &design.prior, candidates.clone(), observations, noise.clone(), 1.0)?;
+        let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
+        let named = Some(diagnosis.first()).filter(|first| first.is_cause());
+        let explanations = &diagnosis.attribution.explanations;
+        let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
+        Ok((diagnosis, closes, design_box::with_beyond(&shared.prior, &design.prior)?.is_some()))
     };
-    let emulator = refined.as_ref().unwrap_or(&design.emulator);
-    let world = how.exact.then(|| Exact::new(bench, prior, emulator, finest)).transpose()?;
-    let problem = problem(world.as_ref().map_or(emulator as &dyn Predictor, |world| world))?;
-    let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
-    let named = Some(diagnosis.first()).filter(|first| first.is_cause());
-    let explanations = &diagnosis.attribution.explanations;
-    let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
-    Ok((diagnosis, closes))
+    for round in 1.. {
+        let design = own.as_ref().unwrap_or(shared);
+        let found = diagnosed(design)?;
+        let leans: Vec<design_box::Lean> = found.0.leans.iter().map(design_box::Lean::from).collect();
+        let wider = widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?;
+        let (prior, values) = match wider.filter(|_| how.in_two_rounds && widened < WIDEST) {
+            Some(wider) => {
+                widened += 1;
+                let seed = how.seed + round as u64;
+                let values = design::draw(&wider, &Effects::Switch, Method::Halton, all / 2, seed, true)?;
+                (wider, values)
+            }
+            None if is_pointed => return Ok(found),
+            None => {
+                is_pointed = true;
+                let noise = noise.clone();
+                let predictor = &design.emulator;
+                let problem =
+                    Problem::new(predictor, &design.prior, candidates.clone(), observations, noise, 1.0)?;
+                let count = all - how.first() * shared.prior.parameters().len();
+                let explanations = &found.0.attribution.explanations;
+                (design.prior.clone(), next_runs(&problem, explanations, count, how.seed)?)
+            }
+        };
+        let specimens = specimens + 10_000 * (round as u64 - 1);
+        own = Some(design.with_runs(bench, (prior, values), noise.as_ref(), (round, specimens))?);
+    }
+    unreachable!("rounds end by themselves")
 }
 
 fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
@@ -171,6 +202,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "with_rest",
         "closes",
         "leans",
+        "widened",
         "nearest",
         "confounded",
         "shrink",
@@ -180,13 +212,13 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "closer_look",
     ];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for (row, (diagnosis, closes)) in verdicts.iter().enumerate() {
+    for (row, (diagnosis, closes, is_wider)) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
         table.text(list.field(row, 0)).text(&cause(&first.name));
         table.numbers(&[diagnosis.stated()]);
         table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
-        table.text(&leans.join(","));
+        table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
         table.text(&attribution.nearest).text(&diagnosis.rows[0].confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);

@@ -145,8 +145,13 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         let withheld = case.withheld.as_deref().unwrap_or("-");
         answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);
         answers.numbers(&[case.visibility, case.least, case.shrink, case.noise[0]]);
-        let has_rest = matches!(condition, Condition::Remainder(_) | Condition::Outside);
-        answers.text(&values.join(",")).text(if has_rest { "yes" } else { "no" }).end_row()?;
+        let rest = match condition {
+            Condition::Remainder(_) => "yes",
+            Condition::Outside => "outside",
+            Condition::Beyond => "beyond",
+            _ => "no",
+        };
+        answers.text(&values.join(",")).text(rest).end_row()?;
         let is_of_rig = case.family == Family::Rig;
         let without = if is_of_rig { bench.of_the_rig.join(",") } else { withheld.to_owned() };
         let kinds = if is_of_rig { KINDS.map(|(name, _)| name).join(",") } else { "-".to_owned() };
@@ -286,9 +291,10 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     // What the measurement does is put right before the world is calibrated again.
     let right = faults.taken_out(bench, &noisy, &simulated);
     let after = fit(bench, &values, &without(&[]).1, &right, &noise)?;
-    let floor = floor(&after, &noise, &noisy, &factor)?;
-    let above = |curves: &[Vec<f64>], seen: &[Vec<f64>]| (gap(curves, seen, &noisy) - floor).max(0.0);
-    let (gap_before, gap_after) = (above(&before.curves, &noisy), above(&after.curves, &right));
+    let above = |fit: &Fit, seen: &[Vec<f64>]| -> Result<f64> {
+        Ok((gap(&fit.curves, seen, &noisy) - floor(fit, &noise, &noisy, &factor)?).max(0.0))
+    };
+    let (gap_before, gap_after) = (above(&before, &noisy)?, above(&after, &right)?);
     let seen = visibility(&chosen)?;
     let least = chosen.iter().map(|&e| visibility(&[e])).collect::<Result<Vec<_>>>()?;
     let names = chosen.iter().map(|&e| effects[e].name.clone());
@@ -316,9 +322,9 @@ fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>]) -> f64 {
 
 /// The mean square that noise and scatter alone leave of a gap, once a fit has followed them as far as it
 /// can.
-fn floor(after: &Fit, noise: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) -> Result<f64> {
+fn floor(fit: &Fit, noise: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) -> Result<f64> {
     let steps = noisy[0].len();
-    let slopes = &after.slopes;
+    let slopes = &fit.slopes;
     let information = slopes.tr_mul(slopes) + DMatrix::identity(slopes.ncols(), slopes.ncols()) * 1e-9;
     let hat = slopes
         * Cholesky::new(information).context("a curve that nothing changes")?.solve(&slopes.transpose());

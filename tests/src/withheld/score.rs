@@ -7,6 +7,9 @@ use gl_table::Table;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+/// An effect that closes less of the gap than this is no cause of it.
+const LITTLE: f64 = 0.5;
+
 /// A verdict beside its answer.
 #[derive(Clone, Debug)]
 pub struct Scored {
@@ -20,17 +23,24 @@ pub struct Scored {
     pub withheld: bool,
     /// What the base parameters cannot absorb, in noise.
     pub visibility: f64,
-    /// Whether there is something in it that is no effect of the world's: a remainder, or a base parameter outside
-    /// its prior.
+    /// Whether there is something in it that is no effect of the world's: a remainder.
     pub has_rest: bool,
+    /// Whether a base parameter lies outside the prior that was told.
+    pub is_outside: bool,
+    /// Whether an effect is stronger than its upper bound.
+    pub is_beyond: bool,
     /// Parameters that are said, before all else, to be pulled beyond a bound.
     pub leans: String,
+    /// Whether the prior was made wider, which is said before all else, too.
+    pub is_widened: bool,
     /// The least visible of two effects.
     pub least: f64,
     /// The most probable cause, with a rest or without.
     pub first: String,
     /// Its probability.
     pub probability: f64,
+    /// Share of the gap that it closes by itself.
+    pub closes: f64,
     /// Hypotheses that it is said to be confounded with.
     pub confounded: Vec<String>,
     /// Predicted shrink of the gap, 5 and 95 %, if the first row is an effect.
@@ -49,7 +59,18 @@ impl Scored {
 
     /// Whether it does.
     pub fn is_right(&self) -> bool {
-        self.first == self.right()
+        // Without a wider prior something else is at work indeed.
+        let is_told = self.is_outside && self.truth == "none" && self.first == "unexplained";
+        self.first == self.right() || is_told || (self.right() == "unexplained" && self.closes_little())
+    }
+
+    /// Whether the effect that is named closes little of the gap, which is said: something else makes most of it.
+    pub fn closes_little(&self) -> bool {
+        self.has_effect() && self.closes < LITTLE
+    }
+
+    fn has_effect(&self) -> bool {
+        !matches!(self.first.as_str(), "none" | "unexplained")
     }
 
     /// Whether what should come first is said to be confounded with what does.
@@ -59,12 +80,13 @@ impl Scored {
 
     /// Whether a bound was said to be too narrow before all else.
     pub fn is_warned(&self) -> bool {
-        !matches!(self.leans.as_str(), "" | "-")
+        self.is_widened || !matches!(self.leans.as_str(), "" | "-")
     }
 
     /// Whether an effect is named that is not at work.
     pub fn names_wrong(&self) -> bool {
-        !matches!(self.first.as_str(), "none" | "unexplained")
+        !self.is_right()
+            && self.has_effect()
             && (self.withheld || self.first.split('+').any(|name| !self.truth.split('+').any(|t| t == name)))
     }
 }
@@ -92,11 +114,15 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             truth: text(&answers, "effects")?,
             withheld: text(&answers, "withheld")? != "-",
             has_rest: text(&answers, "rest")? == "yes",
+            is_outside: text(&answers, "rest")? == "outside",
+            is_beyond: text(&answers, "rest")? == "beyond",
             leans: text(&verdicts, "leans")?,
+            is_widened: text(&verdicts, "widened")? == "yes",
             visibility: number(&answers, "visibility")?,
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,
+            closes: number(&verdicts, "closes")?,
             confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
             shrink: number(&answers, "shrink")?,
@@ -191,7 +217,10 @@ pub fn calibration_error_by_chance(statements: &[Statement]) -> f64 {
 
 /// How often the predicted interval of the shrink holds, where the right effects come first.
 pub fn shrink_coverage<'a>(cases: impl Iterator<Item = &'a Scored>) -> Share {
-    let named = cases.filter(|case| case.is_right() && !case.withheld && case.truth != "none");
+    // The answer's shrink is of fits within the bounds.
+    let is_within = |case: &&Scored| !case.is_outside && !case.is_beyond;
+    let named =
+        cases.filter(is_within).filter(|case| case.is_right() && !case.withheld && case.truth != "none");
     // To the digits of a report: an interval may end at 1 exactly.
     Share::count(named, |case| {
         case.predicted.0 - 1e-3 <= case.shrink && case.shrink <= case.predicted.1 + 1e-3

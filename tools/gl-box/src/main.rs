@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use gl_gap::design_box::{narrow, read_leans, widen};
+use gl_gap::design_box::{Limit, narrow, read_leans, widen};
 use gl_inference::prior::Prior;
 use gl_inference::weights::Weights;
 
@@ -33,12 +33,15 @@ enum What {
     },
     /// The box wider on each side that a hypothesis leans on: exit 0 wider, 1 none does, and it stays as it is
     Widen {
-        /// Table of parameters, beyond which the box does not grow
+        /// Table of parameters, beyond which the box does not grow without --beyond
         #[arg(short, long, value_name = "FILE")]
         params: PathBuf,
         /// The box
         #[arg(short, long = "box", value_name = "FILE")]
         narrowed: PathBuf,
+        /// Where the prior itself is leaned on, beyond it, too: by half its width a time, its whole width at the most
+        #[arg(long)]
+        beyond: bool,
         /// Where the table goes; stdout when absent
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
@@ -61,9 +64,10 @@ fn run(args: &Args) -> Result<bool> {
             narrowed.write(output.as_deref())?;
             Ok(true)
         }
-        What::Widen { params, narrowed, output, posterior } => {
+        What::Widen { params, narrowed, beyond, output, posterior } => {
             let narrowed = Prior::read(narrowed)?;
-            let wider = widen(&Prior::read(params)?, &narrowed, &read_leans(posterior)?)?;
+            let limit = if *beyond { Limit::Beyond } else { Limit::Prior };
+            let wider = widen(&Prior::read(params)?, &narrowed, &read_leans(posterior)?, limit)?;
             wider.as_ref().unwrap_or(&narrowed).write(output.as_deref())?;
             Ok(wider.is_some())
         }

@@ -25,6 +25,10 @@ struct Args {
     /// Stop when the error of the best run is at most this share of the range
     #[arg(long, value_name = "SHARE", value_parser = gl_cli::not_negative)]
     error_tol: Option<f64>,
+    /// Stop when sigma is at most so many times what the best run leaves over what noise alone would, and that run has
+    /// come to rest: a model that cannot fit needs no sharper weights
+    #[arg(long, value_name = "F", value_parser = gl_cli::not_negative)]
+    misfit_tol: Option<f64>,
     /// Stop after so many iterations
     #[arg(long, value_name = "N")]
     max_iterations: Option<usize>,
@@ -55,6 +59,7 @@ fn run(args: &Args) -> Result<bool> {
         sigma: args.sigma_tol,
         ensemble_error: args.ensemble_error_tol,
         error: args.error_tol,
+        misfit: args.misfit_tol,
         iterations: args.max_iterations,
     };
     let previous = match args.previous.as_deref() {

@@ -32,6 +32,9 @@ struct Args {
     /// Table of parameters, with the columns effect and off
     #[arg(short, long, value_name = "FILE")]
     params: PathBuf,
+    /// Table of parameters as it was believed, where the bounds of --params are wider: what lies beyond it is said first
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
     /// Samples of the design
     #[arg(short, long, value_name = "FILE")]
     samples: PathBuf,
@@ -65,7 +68,8 @@ struct Args {
     #[arg(long, value_name = "FILE")]
     predict_shrink: Option<PathBuf>,
     /// Also write what each hypothesis that is not out of the question says of the parameters:
-    /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound)
+    /// hypothesis, parameter, mean, sd, q05, q95, lean (-1, 1: on the lower, the upper bound; -2, 2: the
+    /// measurement pulls it beyond)
     #[arg(long, value_name = "FILE")]
     posterior_out: Option<PathBuf>,
     /// Also write what the rest goes with, where the first hypothesis leaves one: observable, goes_with, share, z,
@@ -162,7 +166,11 @@ fn run(args: &Args) -> Result<()> {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
         write_next(path, count, args, &problem, &diagnosis)?;
     }
-    let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), args.seed)?;
+    let believed =
+        args.prior.as_ref().map(|path| Ok::<_, anyhow::Error>((Prior::read(path)?, path.display())));
+    let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
+    let believed = believed.as_ref().map(|(prior, path)| (prior, path.as_str()));
+    let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), believed, args.seed)?;
     gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref())?;
     if let Some(count) = args.self_check {
         let noise = diagnosis::noise(&problem, &diagnosis);
@@ -225,7 +233,7 @@ fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -
     let leans = |of: &Explanation, parameter: &str| {
         let lean =
             diagnosis.leans.iter().find(|lean| lean.hypothesis == of.name && lean.parameter == parameter);
-        lean.map(|lean| if lean.is_upper { 1.0 } else { -1.0 })
+        lean.map(|lean| if lean.is_upper { 2.0 } else { -2.0 })
     };
     let is_said =
         |of: &&Explanation| !of.is_behind || diagnosis.leans.iter().any(|lean| lean.hypothesis == of.name);

@@ -219,6 +219,7 @@ impl<'a> Iteration<'a> {
             .option("--sigma-tol", tolerances.sigma)
             .option("--error-tol", tolerances.error)
             .option("--ensemble-error-tol", tolerances.ensemble_error)
+            .option("--misfit-tol", tolerances.misfit)
             .flag("--previous", previous)
             .verdict(&self.file("stop-verdict.txt"))
             .flag("-o", self.file("stop.txt"))

@@ -1,19 +1,24 @@
 //! Runs in which every effect is on and off, and what they say of the gap.
 //!
 //! The design draws the base parameters from a box about what fits best in `base`. Where a hypothesis that is not ruled
-//! out leans on the box, it is made wider on that side and further runs are made, twice at the most. The last runs are
+//! out leans on the box, it is made wider on that side and further runs are made, twice at the most, beyond the prior,
+//! too: a truth that the prior excludes would else be explained by whatever imitates it. The last runs are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_inference::prior::Prior;
+use gl_gap::design_box::{with_beyond, within_runs};
+use gl_inference::prior::{Parameter, Prior};
+use gl_inference::samples::Samples;
+use gl_table::Table;
 
-use super::{Diagnosis, renew};
+use super::{Diagnosis, RUNS_WEIGHTS, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::iteration::{collect, run};
 use crate::columns::{list, measurement, runs_of_design};
-use crate::step::{Call, Messages, copy, is_current, join, make_folder, show, touch};
+use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
 /// The box is made wider so often at the most.
 const WIDEST: usize = 2;
@@ -25,28 +30,35 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let (mut number, mut is_last) = (0, false);
-        loop {
+        let (mut widened, mut is_pointed) = (0, false);
+        for number in 0.. {
             let round = Round { diagnosis: self, number, folder: self.round(number) };
             if round.make()? == Progress::InQueue {
                 return Ok(Progress::InQueue);
             }
-            if is_last {
+            if widened < WIDEST && self.widen(&round.folder, number)? {
+                widened += 1;
+            } else if is_pointed {
                 return self.conclude(&round.folder);
+            } else {
+                is_pointed = true;
+                self.point(&round.folder, number + 1)?;
             }
-            is_last = !(number < WIDEST && self.widen(&round.folder, number)?);
-            if is_last {
-                let next = self.round(number + 1);
-                make_folder(&next)?;
-                copy(&round.folder.join("params.txt"), &next.join("params.txt"))?;
-                let samples = next.join("samples.txt");
-                copy(&round.folder.join("next.txt"), &samples)?;
-                if !is_current(&samples, &[next.join("params.txt")])? {
-                    touch(&samples)?;
-                }
-            }
-            number += 1;
         }
+        unreachable!("rounds end by themselves")
+    }
+
+    /// The samples of the next round are those that this one asks for.
+    fn point(&self, round: &Path, number: usize) -> Result<()> {
+        let next = self.round(number);
+        make_folder(&next)?;
+        copy(&round.join("params.txt"), &next.join("params.txt"))?;
+        let samples = next.join("samples.txt");
+        copy(&round.join("next.txt"), &samples)?;
+        if !is_current(&samples, &[next.join("params.txt")])? {
+            touch(&samples)?;
+        }
+        Ok(())
     }
 
     fn round(&self, number: usize) -> PathBuf {
@@ -60,6 +72,7 @@ impl Diagnosis<'_> {
             .arg("widen")
             .flag("-p", self.case.params())
             .flag("--box", round.join("params.txt"))
+            .arg("--beyond")
             .flag("-o", &wider)
             .arg(round.join("posterior.txt"));
         if self.runner.call(&call, Messages::Shown)? == 1 {
@@ -81,6 +94,7 @@ impl Diagnosis<'_> {
             copy(&round.join(format!("all-{table}.txt")), &self.file(&format!("design/{table}.txt")))?;
         }
         copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
+        self.keep_wider_prior(&round.join("params.txt"))?;
         for table in [
             "effects.txt",
             "predicted-shrink.txt",
@@ -95,6 +109,20 @@ impl Diagnosis<'_> {
         renew(&round.join("attribution.txt"), &self.file("attribution.txt"))?;
         show(&self.file("attribution.log"), 0);
         Ok(Progress::Finished)
+    }
+}
+
+impl Diagnosis<'_> {
+    /// `wider-params.txt`: the prior with its bounds where the design has gone beyond them; there only if it has.
+    fn keep_wider_prior(&self, design: &Path) -> Result<()> {
+        let target = self.file(WIDER_PRIOR);
+        match with_beyond(&Prior::read(&self.case.params())?, &Prior::read(design)?)? {
+            Some(wider) => wider.write(Some(&target)),
+            None => {
+                let _ = std::fs::remove_file(target);
+                Ok(())
+            }
+        }
     }
 }
 
@@ -113,6 +141,7 @@ impl Round<'_> {
             return Ok(Progress::InQueue);
         }
         self.gather()?;
+        self.trim()?;
         self.attribute()?;
         Ok(Progress::Finished)
     }
@@ -123,7 +152,7 @@ impl Round<'_> {
 
     /// The first box; those of later rounds are there already.
     fn narrow(&self) -> Result<()> {
-        let (target, weights) = (self.file("params.txt"), self.diagnosis.file("base/posterior-weights.txt"));
+        let (target, weights) = (self.file("params.txt"), self.diagnosis.file("base").join(RUNS_WEIGHTS));
         let params = self.diagnosis.case.params();
         if self.number > 0 || is_current(&target, &[&params, &weights])? {
             return Ok(());
@@ -168,17 +197,82 @@ impl Round<'_> {
         Ok(true)
     }
 
-    /// The tables of all rounds so far.
+    /// The tables of all rounds so far, and of the runs of the base model that lie in the box: there every effect is off.
     fn gather(&self) -> Result<()> {
+        let base = self.diagnosis.file("base");
         let of_all = |name: &str| -> Vec<PathBuf> {
-            (0..=self.number).map(|r| self.diagnosis.round(r).join(name)).collect()
+            let iterations = (0..).map(|i| base.join(format!("iter{i}")));
+            let iterations = iterations.take_while(|folder| folder.join("ensemble.txt").exists());
+            iterations
+                .chain((0..=self.number).map(|r| self.diagnosis.round(r)))
+                .map(|f| f.join(name))
+                .collect()
         };
         let target = self.file("all-ensemble.txt");
         if is_current(&target, &of_all("ensemble.txt"))? {
             return Ok(());
         }
-        for table in ["samples", "status", "ensemble"] {
-            join(&of_all(&format!("{table}.txt")), &self.file(&format!("all-{table}.txt")), None)?;
+        let wanted = self.in_box(&of_all("samples.txt"))?;
+        for (table, column) in [("samples", "description"), ("status", "sample"), ("ensemble", "sample")] {
+            let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
+            let target = self.file(&format!("all-{table}.txt"));
+            join(&of_all(&format!("{table}.txt")), &target, Some(&wanted))?;
+        }
+        Ok(())
+    }
+
+    /// Names of the samples of these tables that are of the design, or of the base model and in its box.
+    fn in_box(&self, tables: &[PathBuf]) -> Result<BTreeSet<String>> {
+        let own = Prior::read(&self.file("params.txt"))?;
+        let design = self.diagnosis.file("design");
+        let mut wanted = BTreeSet::new();
+        for table in tables {
+            let samples = Samples::read(table)?;
+            let is_of_design = table.starts_with(&design);
+            let values = samples.columns(&own.names())?;
+            let is_in = |row: &Vec<f64>| {
+                let inside = |(parameter, &value): (&Parameter, &f64)| {
+                    parameter.effect.is_some() || (parameter.lower..=parameter.upper).contains(&value)
+                };
+                own.parameters().iter().zip(row).all(inside)
+            };
+            let names = samples.names.iter().zip(&values);
+            wanted.extend(names.filter(|(_, row)| is_of_design || is_in(row)).map(|(name, _)| name.clone()));
+        }
+        Ok(wanted)
+    }
+
+    /// Beyond the prior the box ends where runs do.
+    fn trim(&self) -> Result<()> {
+        let (target, samples) = (self.file("params.txt"), self.file("samples.txt"));
+        let own = Prior::read(&target)?;
+        let prior = Prior::read(&self.diagnosis.case.params())?;
+        let made = Samples::read(&samples)?;
+        let status = Table::read(&self.file("status.txt"))?;
+        let (name, outcome) = (status.format().column("sample")?, status.format().column("status")?);
+        let is_done: BTreeSet<&str> = (0..status.len())
+            .filter(|&row| status.field(row, outcome) == "ok")
+            .map(|row| status.field(row, name))
+            .collect();
+        let values = made.columns(&own.names())?;
+        let done: Vec<Vec<f64>> = made
+            .names
+            .iter()
+            .zip(&values)
+            .filter(|(name, _)| is_done.contains(name.as_str()))
+            .map(|(_, values)| values.clone())
+            .collect();
+        let trimmed = within_runs(&prior, &own, &values, &done)?;
+        if trimmed != own {
+            gl_cli::note(
+                "gl-diagnose",
+                "most runs beyond a bound of the prior fail: the box ends where runs do",
+            );
+            trimmed.write(Some(&target))?;
+            // The samples and runs are still those of this box.
+            for file in [&samples, &self.file("ensemble.txt"), &self.file("all-ensemble.txt")] {
+                touch(file)?;
+            }
         }
         Ok(())
     }
@@ -191,6 +285,7 @@ impl Round<'_> {
         }
         let case = self.diagnosis.case;
         let call = Call::new("gl-gap-attribute").flag("-p", self.file("params.txt"));
+        let call = call.flag("--prior", case.params());
         let call = measurement(call.flag("-s", self.file("all-samples.txt")), &case.tests[0])
             .option("--measurement", list(&case.measurement))
             .option("--max-effects", case.max_effects)

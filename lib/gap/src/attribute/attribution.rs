@@ -108,9 +108,9 @@ const CLOSE: f64 = 5.0;
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
 
-/// Shares of the gap that an effect closes by itself below which it is not its cause where something else is at
-/// work, too, and from which it is; in between in proportion.
-const CLOSES: (f64, f64) = (0.5, 0.8);
+/// Shares of the gap that an effect closes by itself below which it is no part of its cause where something else is
+/// at work, too, and from which it is; in between in proportion.
+const CLOSES: (f64, f64) = (0.15, 0.35);
 
 /// The same of several effects together, which imitate more.
 const CLOSE_TOGETHER: (f64, f64) = (0.7, 0.95);

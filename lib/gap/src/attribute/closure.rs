@@ -1,14 +1,14 @@
 //! How much of the gap a hypothesis closes, and how much the real simulation would.
 
 use anyhow::{Context, Result};
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::mode::{Mode, standard_normal};
 use crate::attribute::model::Model;
-use crate::attribute::problem::Problem;
+use crate::attribute::problem::{HEAVY_TAILS, Problem};
 use gl_numeric::statistics::Quantiles;
 
 /// Root mean square of (measured − curve) / range over all readings.
@@ -25,10 +25,16 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    let problem = model.problem();
     let (_, slopes) = model.gradient(w);
-    let mut errors = problem.measurement_errors(&model.nuisances(w).scales);
-    absorb(model, w, &slopes, &mut errors)?;
+    left_of_noise(model, w, &slopes, &model.nuisances(w).scales)
+}
+
+/// Root mean square over the ranges of what calibration by slopes of the curve leaves of noise of these scales, shape
+/// (observables,), and of the scatter.
+fn left_of_noise(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, scales: &[f64]) -> Result<f64> {
+    let problem = model.problem();
+    let mut errors = problem.measurement_errors(scales);
+    absorb(model, w, slopes, &mut errors)?;
     let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
     let sum: f64 = (0..errors.nrows()).map(share).sum();
     Ok((sum / errors.nrows() as f64).sqrt())
@@ -109,20 +115,34 @@ const DRAWS: usize = 400;
 /// Predict how far the gap shrinks from one model to another, should the second be right.
 ///
 /// The real simulation differs from its emulator by what the emulator says it may. Under the second
-/// model the measurement itself tells part of that difference: what is left of it is emulator's error
-/// and noise, in proportion to their variances. The first model's gap tells nothing of it.
+/// model the measurement itself tells part of that difference: what is left of it is emulator's error, the rest
+/// and noise, in proportion to their variances. The first model's gap tells nothing of it. Each model loses the
+/// floor that its own parameters leave of the noise.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let plain = after.model.plain();
-    let least = floor(&plain, &after.mode.w.as_slice()[..plain.len()])?;
+    // One noise, that of the model which is right.
+    let noise = after.model.nuisances(after.mode.w.as_slice()).scales;
+    let floors = [own_floor(before, &noise)?, own_floor(after, &noise)?];
     let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
-    let shrinks: Vec<f64> =
-        before.iter().zip(&after).map(|(&before, &after)| 1.0 - left(before, after, least)).collect();
+    let above = |gap: f64, floor: f64| (gap * gap - floor * floor).max(0.0);
+    let shrink = |(&before, &after): (&f64, &f64)| {
+        let (before, after) = (above(before, floors[0]), above(after, floors[1]));
+        if before > 0.0 { 1.0 - (after / before).min(1.0) } else { 0.0 }
+    };
+    let shrinks: Vec<f64> = before.iter().zip(&after).map(shrink).collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
+}
+
+/// What is left of noise of these scales, shape (observables,), and of the scatter when a model is calibrated to it.
+fn own_floor(fitted: &Fitted<'_>, scales: &[f64]) -> Result<f64> {
+    let plain = fitted.model.plain();
+    let w = &fitted.mode.w.as_slice()[..plain.len()];
+    let (_, slopes) = plain.gradient(w);
+    left_of_noise(&plain, w, &slopes, scales)
 }
 
 /// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one. If the
@@ -130,23 +150,29 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
 fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     let (model, problem) = (fitted.model, fitted.model.problem());
     let w = fitted.mode.w.as_slice();
-    let curve = model.curve(w);
+    // As it says itself: that its errors have heavy tails is for the odds of a hypothesis, not for their size.
+    let variance: Vec<f64> = model.curve(w).variance.iter().map(|v| v / HEAVY_TAILS).collect();
     let (_, slopes) = model.gradient(w);
     let residual = DVector::from_vec(model.residual(fitted.mean));
-    let errors = problem.emulator_errors(&curve.variance);
-    let others = problem.measurement_errors(&model.nuisances(w).scales);
-    let drawn = |factor: &DMatrix<f64>, random: &mut ChaCha8Rng| {
-        factor * DMatrix::from_fn(factor.ncols(), DRAWS, |_, _| standard_normal(random))
-    };
-    let mut real = DMatrix::from_fn(residual.len(), DRAWS, |i, _| residual[i]);
-    let error = drawn(&errors, random);
-    real -= &error;
+    let errors = problem.emulator_errors(&variance);
+    let mut unit = DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
     if right {
-        // Matheron's rule: a draw, moved by what the measurement says more than the draw.
-        let surprise = &real - drawn(&others, random);
-        let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&surprise))?;
-        real -= &errors * errors.tr_mul(&solved);
+        // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E. What the components leave
+        // out is small beside the noise, and stays as it is drawn.
+        let told = errors.columns(0, variance.len());
+        let mut columns = told.clone_owned().insert_column(told.ncols(), 0.0);
+        columns.set_column(told.ncols(), &residual);
+        let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&columns))?;
+        let product = told.tr_mul(&solved);
+        let left = DMatrix::identity(told.ncols(), told.ncols()) - product.columns(0, told.ncols());
+        let eigen = SymmetricEigen::new((&left + left.transpose()) * 0.5);
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        let mut drawn = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit.rows(0, told.ncols());
+        drawn.column_iter_mut().for_each(|mut column| column += product.column(told.ncols()));
+        unit.rows_mut(0, told.ncols()).copy_from(&drawn);
     }
+    let mut real = -(&errors * unit);
+    real.column_iter_mut().for_each(|mut column| column += &residual);
     let plain = model.plain();
     absorb(&plain, &w[..plain.len()], &slopes, &mut real)?;
     let seen = DVector::from_column_slice(&problem.observed);

@@ -60,7 +60,7 @@ const SMALL: f64 = 0.15;
 
 /// What the emulator's variance is multiplied by: its errors, left one out, have heavier tails than
 /// the normal distribution.
-const HEAVY_TAILS: f64 = 2.0;
+pub(crate) const HEAVY_TAILS: f64 = 2.0;
 
 impl<'a> Problem<'a> {
     /// * `noise` — standard deviations as stated, shape (observables, steps), or nothing to estimate them.

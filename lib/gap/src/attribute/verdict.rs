@@ -7,13 +7,18 @@ use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::hypothesis::name;
 use crate::attribute::lean::Lean;
+use crate::attribute::marginals::{Marginal, marginals};
 use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::goes_with;
+use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.8;
+
+/// An effect that closes less of the gap than this is a part of what is behind it, and not the cause.
+const MOST: f64 = 0.5;
 
 /// Above this share of noise and scatter what the emulator does not know widens a verdict.
 const IGNORANT: f64 = 0.5;
@@ -51,11 +56,21 @@ fn percent(share: f64) -> f64 {
 /// The verdict: what it rests on if that is doubtful, then the cause, then what else there is to know.
 ///
 /// * `bounds` — where the bounds of the parameters were read, for whoever is to widen them.
+/// * `believed` — the prior beforehand and where it was read, if the bounds were made wider since.
 ///
 /// # Errors
 /// If the predicted shrink cannot be computed.
-pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, bounds: &str, seed: u64) -> Result<Verdicts> {
+pub fn verdict(
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    bounds: &str,
+    believed: Option<(&Prior, &str)>,
+    seed: u64,
+) -> Result<Verdicts> {
     let mut verdicts = Verdicts::default();
+    if let Some(believed) = believed {
+        add_beyond(&mut verdicts, problem, diagnosis.first(), believed);
+    }
     for lean in &diagnosis.leans {
         add_lean(&mut verdicts, lean, bounds);
     }
@@ -89,6 +104,27 @@ pub fn verdict(problem: &Problem<'_>, diagnosis: &Diagnosis, bounds: &str, seed:
         }
     }
     Ok(verdicts)
+}
+
+/// Parameters that are beyond what was believed of them.
+fn add_beyond(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation, believed: (&Prior, &str)) {
+    let (prior, source) = believed;
+    for Marginal { name, mean, sd, .. } in marginals(problem, first) {
+        let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
+            continue;
+        };
+        let (side, bound) = if mean > parameter.upper {
+            ("upper", parameter.upper)
+        } else if mean < parameter.lower {
+            ("lower", parameter.lower)
+        } else {
+            continue;
+        };
+        verdicts.add("beyond-prior", &name, format!(
+            "under {} {name} is {} ± {}, beyond its {side} bound, {bound} in {source}: what was believed of it was wrong, or something imitates it; what follows holds with the wider bound",
+            first.name, short(mean), short(sd)
+        ));
+    }
 }
 
 fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
@@ -125,12 +161,20 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
         ));
         return Ok(());
     }
+    let is_part = first.has_rest && first.closes < MOST;
     let code = match (is_settled, first.has_rest) {
         (false, _) => "unsettled",
+        (true, _) if is_part => "part",
         (true, false) => "cause",
         (true, true) => "cause-with-rest",
     };
-    let text = if first.has_rest {
+    let text = if is_part {
+        format!(
+            "{effects} is in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
+            percent(first.closes),
+            rest_places(problem, first)
+        )
+    } else if first.has_rest {
         format!(
             "{effects} is in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}",
             percent(first.closes),
