@@ -10,6 +10,7 @@ pub mod likelihood;
 pub mod mixture;
 pub mod noise;
 mod proof;
+pub mod scatter;
 pub mod smc;
 pub mod space;
 pub mod summary;
@@ -189,7 +190,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     // A first look, with an emulator of few runs, from the whole prior.
     let first = ranked.first_look(&measured, options.seed)?;
     let nuisances = nuisances(&first, &space, &measured, options);
-    let likelihood = Likelihood::new(&first.emulator, &space, &measured, first.calibration, nuisances);
+    let likelihood = Likelihood::new(&first, &space, &measured, nuisances);
     let posterior = Posterior { likelihood: &likelihood, space: &space, start: None };
     let start = from_prior(&space, likelihood.nuisances().len(), FIRST_PARTICLES, options.seed)?;
     let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed: options.seed };
@@ -309,12 +310,10 @@ fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Opt
 
 /// Whether the simulation's scatter is large enough to make a difference.
 fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nuisances: &Nuisances) -> bool {
-    let emulator = &surrogate.emulator;
     let exact = NoiseAt { scatter: 0.0, variance: 1.0, correlation: vec![0.0; measured.observables()] };
-    let likelihood = Likelihood::new(emulator, space, measured, 1.0, nuisances.clone());
+    let likelihood = Likelihood::new(surrogate, space, measured, nuisances.clone());
     let importance = likelihood.importance(&exact);
-    let counts: f64 =
-        emulator.nugget().iter().enumerate().map(|(c, nugget)| nugget * importance[(c, c)]).sum();
+    let counts = (surrogate.scatter.of_scores(&surrogate.emulator, measured) * importance).trace();
     // Where the noise is not known, what counts is not either.
     !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
 }
@@ -355,7 +354,7 @@ const MISSED: f64 = 5.0;
 impl Sampler<'_> {
     fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
         let Self { surrogate, space, measured, .. } = self;
-        Likelihood::new(&surrogate.emulator, space, measured, surrogate.calibration, nuisances)
+        Likelihood::new(surrogate, space, measured, nuisances)
     }
 
     /// The posterior, from near that of the first look, with the noise as the residuals say it is.
@@ -509,8 +508,7 @@ fn finish(
     options: Options,
 ) -> Result<Inference> {
     let Outcome { population, nuisances, correlated, chi_square } = outcome;
-    let likelihood =
-        Likelihood::new(&surrogate.emulator, &space, &measured, surrogate.calibration, nuisances.clone());
+    let likelihood = Likelihood::new(&surrogate, &space, &measured, nuisances.clone());
     let points = thinned(&population.points, options.draws, options.seed);
     let curves: Vec<Vec<f64>> = points
         .par_iter()
@@ -618,13 +616,8 @@ impl Inference {
     /// # Errors
     /// If there are more parameters than a sequence has dimensions.
     pub fn next_runs(&self, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
-        let likelihood = Likelihood::new(
-            &self.surrogate.emulator,
-            &self.space,
-            &self.measured,
-            self.surrogate.calibration,
-            self.nuisances.clone(),
-        );
+        let likelihood =
+            Likelihood::new(&self.surrogate, &self.space, &self.measured, self.nuisances.clone());
         let importance = likelihood.importance(&self.noise[0]).diagonal().iter().copied().collect();
         let draws: Vec<Vec<f64>> = self.points.iter().map(|x| x[..self.space.len()].to_vec()).collect();
         let choice = batch::Choice {

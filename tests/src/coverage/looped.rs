@@ -24,6 +24,8 @@ pub struct Outcome {
     pub is_unfit: bool,
     /// By parameter: whether the 90 % interval holds the truth.
     pub holds: Vec<bool>,
+    /// The same of the true posterior's interval: what is short there is chance.
+    pub holds_exact: Vec<bool>,
     /// Its standard deviation over the true posterior's.
     pub ratio: Vec<f64>,
     /// Its mean less the true one, in true standard deviations.
@@ -136,9 +138,10 @@ fn said(inference: &Inference, asked: &[Criterion], exact: &[Vec<f64>]) -> Strin
     let ratios: Vec<String> =
         compare(inference, exact).iter().map(|(ratio, shift)| format!("{ratio:.2}/{shift:+.2}")).collect();
     format!(
-        "{}{} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
+        "{}{} white={:.2} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
         criteria.join(" "),
         if inference.is_unfit() { " UNFIT" } else { "" },
+        s.scatter.white.iter().sum::<f64>() / s.scatter.white.len() as f64,
         inference.shift_if_known,
         inference.ratio_if_known,
         s.rmse,
@@ -174,10 +177,13 @@ fn outcome(
     last: String,
 ) -> Outcome {
     let compared = compare(inference, exact);
-    let holds = |(j, truth): (usize, &f64)| {
-        let column: Vec<f64> = inference.values.iter().map(|x| x[j]).collect();
-        let quantiles = Quantiles::new(&column, &vec![1.0 / column.len() as f64; column.len()]);
-        (quantiles.at(0.05)..=quantiles.at(0.95)).contains(truth)
+    let holds = |points: &[Vec<f64>]| -> Vec<bool> {
+        let of = |(j, truth): (usize, &f64)| {
+            let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
+            let quantiles = Quantiles::new(&column, &vec![1.0 / column.len() as f64; column.len()]);
+            (quantiles.at(0.05)..=quantiles.at(0.95)).contains(truth)
+        };
+        truth.iter().enumerate().map(of).collect()
     };
     let share =
         |points: &[Vec<f64>]| points.iter().filter(|x| x[0] > 0.5).count() as f64 / points.len() as f64;
@@ -187,7 +193,8 @@ fn outcome(
         runs,
         is_settled,
         is_unfit: inference.is_unfit(),
-        holds: truth.iter().enumerate().map(holds).collect(),
+        holds: holds(&inference.values),
+        holds_exact: holds(exact),
         ratio: compared.iter().map(|c| c.0).collect(),
         shift: compared.iter().map(|c| c.1).collect(),
         lesser,

@@ -78,10 +78,8 @@ fn surprise(
     let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
     let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);
-    let nugget = emulator.nugget();
-    let total: Vec<f64> =
-        variance.iter().zip(&nugget).map(|(v, nugget)| before.calibration * v + nugget).collect();
-    let covariance = emulator.score_covariance(&total);
+    let variance: Vec<f64> = variance.iter().map(|v| before.calibration * v).collect();
+    let covariance = emulator.score_covariance(&variance) + before.scatter.of_scores(emulator, measured);
     let Some(inverse) = gram.clone().try_inverse() else { return (0.0, 0.0, f64::INFINITY) };
     let scores = &inverse * pattern.tr_mul(&residual);
     let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE);

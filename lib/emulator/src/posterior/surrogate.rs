@@ -8,6 +8,7 @@ use gl_inference::samples::Samples;
 use nalgebra::DVector;
 
 use super::likelihood::Measured;
+use super::scatter::Scatter;
 use super::space::Space;
 use crate::gp::Kernel;
 use crate::{Emulator, Options};
@@ -46,6 +47,8 @@ pub(super) const MOST_CALIBRATION: f64 = 9.0;
 pub struct Surrogate {
     /// The emulator.
     pub emulator: Emulator,
+    /// What the runs differ by about its mean.
+    pub scatter: Scatter,
     /// What its variance is multiplied by, so that its errors are as large as it says.
     pub calibration: f64,
     /// Root mean square of the leave-one-out errors near the posterior, in standard deviations of the noise.
@@ -264,6 +267,7 @@ impl<'a> Ranked<'a> {
             self.order[..self.near()].iter().map(|&run| self.ensemble.samples[run].as_str()).collect();
         let errors = LeftOut::new(&emulator, &near, measured).context("no run near the posterior")?;
         Ok(Surrogate {
+            scatter: Scatter::new(&emulator, measured),
             emulator,
             calibration: errors.calibration,
             rmse: errors.rmse,
