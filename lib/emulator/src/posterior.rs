@@ -110,6 +110,9 @@ pub struct Inference {
     /// Standard deviation of ln likelihood within the posterior by what the emulator does not know, the root of
     /// its mean square; see [`Likelihood::ignorance`].
     pub ignorance: f64,
+    /// Relative error of the posterior's standard deviations for the number of runs that the patterns of the
+    /// simulation's scatter are known by.
+    pub scatter_error: f64,
     /// Largest change of a mean, in standard deviations, if the emulator were exact.
     pub shift_if_known: f64,
     /// Smallest ratio of a standard deviation if the emulator were exact.
@@ -532,6 +535,17 @@ fn finish(
         .map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], &noise[0]))
         .collect();
     let ignorance = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
+    // The variance of n runs is known to √(2/n).
+    let (without, with) = points[..PAIRED.min(points.len())]
+        .par_chunks_exact(2)
+        .zip(noise.par_chunks_exact(2))
+        .map(|(pair, noise)| likelihood.information(&pair[0], &pair[1], &noise[0]))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .fold((0.0, 0.0), |(a, b), (without, with)| (a + without, b + with));
+    let taken = if without > 0.0 { (1.0 - with / without).clamp(0.0, 1.0) } else { 0.0 };
+    let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
+    let scatter_error = taken * (0.5 / degrees).sqrt();
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
     let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
     let index = samples.index();
@@ -565,6 +579,7 @@ fn finish(
         independent_readings: noise::independent(&curves[best], &measured).iter().sum(),
         chi_square,
         ignorance,
+        scatter_error,
         shift_if_known,
         ratio_if_known,
         proof,

@@ -116,6 +116,9 @@ const SPREAD: f64 = 0.2;
 /// Of the errors of the newest batch, in standard deviations of what was predicted.
 const PROOF: f64 = 2.0;
 
+/// Of the standard deviations' relative error for the runs that the simulator's scatter is known by.
+const SCATTER: f64 = 0.08;
+
 /// What stands for the value of something that there is not yet.
 const UNKNOWN: f64 = 1e6;
 
@@ -155,6 +158,9 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
         below("spread", spread, SPREAD),
         part("proof", z, PROOF, z <= PROOF || is_chance),
     ];
+    if let Some(error) = summary.scatter_error {
+        parts.push(below("scatter", error, SCATTER));
+    }
     let open = parts.iter().filter(|part| !part.is_met).count();
     parts.push(Criterion::new("settled", open as f64, 0.0, open == 0));
     parts
