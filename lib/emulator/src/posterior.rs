@@ -36,7 +36,7 @@ use noise::ChiSquare;
 pub use proof::Proof;
 use smc::{Effort, Population, sample};
 use space::Space;
-use surrogate::{MOST_CALIBRATION, Ranked, Surrogate};
+use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -203,13 +203,25 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let ranked = ranked.by_prediction(&first.emulator, &measured)?;
     stage.advance();
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
+    // What the runs before the newest say: these are held against it, and the search for lengths starts there, too.
+    let before = if newest.is_empty() {
+        None
+    } else {
+        ranked.without(&newest).by(PLAIN, &measured, options.seed).ok()
+    };
+    let ranked = before.as_ref().map_or_else(|| ranked.clone(), |before| ranked.starting_from(before));
     let near: Vec<Vec<f64>> = ranked.places()?.into_iter().take(ranked.near()).collect();
     let through = |mut surrogate: Surrogate| {
-        let proof = if newest.is_empty() {
-            None
-        } else {
-            let recipe = surrogate.recipe;
-            proof::prove(&ranked, &newest, &measured, recipe, &space, question.samples, options.seed)?
+        let prove =
+            |before: &Surrogate| proof::prove(before, &ranked, &newest, &measured, &space, question.samples);
+        let recipe = Recipe { is_kept: false, ..surrogate.recipe };
+        let proof = match &before {
+            None => None,
+            Some(before) if recipe == PLAIN => prove(before)?,
+            Some(_) => match ranked.without(&newest).by(recipe, &measured, options.seed) {
+                Ok(before) => prove(&before)?,
+                Err(_) => None,
+            },
         };
         if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
             // What was predicted too boldly may well be so again: of both widths the larger.

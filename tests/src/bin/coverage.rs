@@ -1,11 +1,12 @@
 //! How well the loop through an emulator is calibrated, and how many runs it takes.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
 use gl_table::TableWriter;
-use pipelines::coverage::looped::{Outcome, repeated, replicate};
+use pipelines::coverage::looped::{Outcome, export, repeated, replicate};
 use pipelines::coverage::problem::{PROBLEMS, Problem};
 use rayon::prelude::*;
 
@@ -24,6 +25,9 @@ struct Args {
     /// Compare the true posterior with itself by other seeds instead
     #[arg(long)]
     repeat: bool,
+    /// Write the measurements and the true posteriors to this folder instead, for other programs
+    #[arg(long)]
+    export: Option<PathBuf>,
     /// Say what happens at every batch
     #[arg(long)]
     verbose: bool,
@@ -35,6 +39,15 @@ fn run(args: &Args) -> Result<()> {
     } else {
         args.problems.iter().map(|name| Problem::named(name)).collect::<Result<_>>()?
     };
+    if let Some(folder) = &args.export {
+        std::fs::create_dir_all(folder)?;
+        for problem in &problems {
+            for i in 0..args.num {
+                export(problem, 1_000_003 * (args.seed + i), &folder.join(format!("{}-{i}", problem.name)))?;
+            }
+        }
+        return Ok(());
+    }
     if args.repeat {
         return repeat(&problems, args);
     }

@@ -1,5 +1,7 @@
 //! The loop on one problem, and what came of it.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::Result;
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::design::{Effects, batch_runs, draw, first_runs};
@@ -7,6 +9,7 @@ use gl_inference::samples::{Samples, sample_names};
 use gl_inference::stop::{Criterion, Previous, Tolerances, criteria};
 use gl_numeric::sequence::Method;
 use gl_numeric::statistics::{Quantiles, mean, sd};
+use gl_table::TableWriter;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -100,6 +103,35 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
         next = inference.next_runs(batch_runs(d), seed + 1000 + iteration as u64)?;
     }
     unreachable!("the loop ends by its number of runs")
+}
+
+/// Write a replicate's measurement and its true posterior: `PATH-obs.txt` and `PATH-exact.txt`.
+///
+/// # Errors
+/// If the posterior cannot be sampled, or a file not written.
+pub fn export(problem: &Problem, seed: u64, path: &Path) -> Result<()> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let truth: Vec<f64> = (0..problem.parameters).map(|_| generator.random()).collect();
+    let observations = problem.measure(&truth, &mut generator);
+    let exact = reference::posterior(problem, &observations, seed)?;
+    let file = |what: &str| PathBuf::from(format!("{}-{what}.txt", path.display()));
+    let mut columns = vec!["u"];
+    columns.extend(observations.names.iter().map(String::as_str));
+    let mut table = TableWriter::create(Some(&file("obs")), &columns)?;
+    for (step, u) in observations.control.iter().enumerate() {
+        table.number(*u);
+        observations.values.iter().for_each(|values| {
+            table.number(values[step]);
+        });
+        table.end_row()?;
+    }
+    table.finish()?;
+    let mut table = TableWriter::create(Some(&file("exact")), &["parameter", "truth", "mean", "sd"])?;
+    for (j, truth) in truth.iter().enumerate() {
+        let (mean, sd) = moments(&exact, j);
+        table.text(&format!("p{j}")).numbers(&[*truth, mean, sd]).end_row()?;
+    }
+    table.finish()
 }
 
 /// How far the true posterior is from itself by another seed: the largest shift of a mean in standard

@@ -9,7 +9,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::likelihood::Measured;
 use super::space::Space;
-use super::surrogate::{Ranked, Recipe, Surrogate};
+use super::surrogate::{Ranked, Surrogate};
 
 /// How a batch of runs came out against an emulator that did not know them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,20 +27,18 @@ pub struct Proof {
 /// Error that no likelihood feels, in standard deviations of the noise of all readings together.
 const NEGLIGIBLE: f64 = 0.3;
 
-/// Predict the newest runs from the others; nothing where these are too few for an emulator.
+/// Hold the newest runs against what a surrogate of the others predicts of them.
 ///
 /// # Errors
 /// If a sample lacks a parameter.
 pub fn prove(
+    before: &Surrogate,
     ranked: &Ranked<'_>,
     newest: &HashSet<&str>,
     measured: &Measured,
-    recipe: Recipe,
     space: &Space,
     samples: &Samples,
-    seed: u64,
 ) -> Result<Option<Proof>> {
-    let Ok(before) = ranked.without(newest).by(recipe, measured, seed) else { return Ok(None) };
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
     let mut squares = Vec::new();
@@ -48,7 +46,7 @@ pub fn prove(
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
-        let (square, count, error) = surprise(&before, space, measured, &x, &curve);
+        let (square, count, error) = surprise(before, space, measured, &x, &curve);
         total += square;
         degrees += count;
         squares.push(error);
