@@ -251,7 +251,10 @@ fn a_batch_that_comes_out_as_predicted_proves_the_posterior() {
     assert_eq!(folder.quantity("summary.txt", "proof_runs"), 4.0);
     let output = folder.call("gl-check-stop --previous before.txt summary.txt -o stop.txt", "");
     assert_eq!(output.status.code(), Some(0), "{}", folder.read("stop.txt"));
-    assert_eq!(folder.texts("stop.txt", "criterion"), ["ignorance", "shift", "spread", "proof", "settled"]);
+    assert_eq!(
+        folder.texts("stop.txt", "criterion"),
+        ["ignorance", "shift", "spread", "proof", "scatter", "settled"]
+    );
     // A batch that is another model's is no proof.
     simulate(&folder, "next.txt", "more.txt", &control(40), |p, x| curve(p, x) + 0.3 * p[0] * x);
     folder.run(&format!("{CALL} -s next.txt more.txt --noise y=0.02"));

@@ -125,6 +125,9 @@ const PROOF: f64 = 2.0;
 /// Of the standard deviations' relative error for the runs that the simulator's scatter is known by.
 const SCATTER: f64 = 0.08;
 
+/// The criteria that are only together a reason to stop, as `settled`.
+pub const PARTS: [&str; 5] = ["ignorance", "shift", "spread", "proof", "scatter"];
+
 /// What stands for the value of something that there is not yet.
 const UNKNOWN: f64 = 1e6;
 
