@@ -48,7 +48,8 @@ impl Scatter {
             for i in 0..n {
                 left[(i, c)] = emulator.scores()[(i, c)] - left_out.mean[i];
                 // With e/(1 − h) of the run left out and e of the fit, e²/(1 − h) is the nugget in the mean.
-                own[(i, c)] = left[(i, c)] * (nugget / left_out.variance[i]).clamp(0.0, 1.0).sqrt();
+                let variance = left_out.variance[i].max(f64::MIN_POSITIVE);
+                own[(i, c)] = left[(i, c)] * (nugget / variance).min(1.0).sqrt();
             }
         }
         let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / base[o]);
