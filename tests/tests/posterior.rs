@@ -65,6 +65,57 @@ fn exact(data: &str, noise: &str, quantity: &str) -> f64 {
     table.number(row, value).unwrap()
 }
 
+/// tests/oracle/curve_posterior.py: two curved parameters on a grid, four by emcee.
+#[test]
+fn the_draws_of_curves_follow_a_grid_and_emcee() {
+    let oracle_of = |file: &str| std::fs::read(oracle(&format!("curve_posterior_{file}"))).unwrap();
+    let exact = Table::read(&oracle("curve_posterior.tsv")).unwrap();
+    for (data, runs, observables) in [("two", 30, "y"), ("four", 100, "y,z")] {
+        let folder = Folder::default();
+        folder.write("obs.txt", oracle_of("obs.txt"));
+        folder.write("params.txt", oracle_of(&format!("{data}_params.txt")));
+        folder.run(&format!("gl-sample -p params.txt -n {runs} --method sobol -o samples.txt"));
+        let names = folder.texts("samples.txt", "description");
+        let parameters: Vec<Vec<f64>> = ["a", "b", "c", "d"][..if data == "two" { 2 } else { 4 }]
+            .iter()
+            .map(|name| folder.column("samples.txt", name))
+            .collect();
+        let mut text = format!("sample step x {}\n", observables.replace(',', " "));
+        for (i, name) in names.iter().enumerate() {
+            let p: Vec<f64> = parameters.iter().map(|column| column[i]).collect();
+            for (step, x) in folder.column("obs.txt", "x").into_iter().enumerate() {
+                write!(text, "{name} {step} {x} {}", p[0] * (1.0 - (-p[1] * x).exp())).unwrap();
+                if data == "four" {
+                    write!(text, " {}", p[2] * x.powf(p[3]) + p[0] * p[1] * x / 4.0).unwrap();
+                }
+                text.push('\n');
+            }
+        }
+        folder.write("ensemble.txt", text);
+        let noise = observables.split(',').map(|name| format!("{name}=0.05")).collect::<Vec<_>>().join(",");
+        folder.run(&format!(
+            "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v {observables} --noise {noise} \
+             --noise-as-stated -n 2000 --summary summary.txt -o draws.txt ensemble.txt"
+        ));
+        let column = |name: &str| exact.format().column(name).unwrap();
+        let (of, what, value) = (column("data"), column("quantity"), column("value"));
+        let rows = || (0..exact.len()).filter(|row| exact.field(*row, of) == data);
+        let there = |quantity: &str| {
+            let row = rows().find(|row| exact.field(*row, what) == quantity).unwrap();
+            exact.number(row, value).unwrap()
+        };
+        for row in rows() {
+            let quantity = exact.field(row, what);
+            let (kind, name) = quantity.split_once('(').unwrap();
+            let (here, right) = (folder.quantity("summary.txt", quantity), there(quantity));
+            let spread = there(&format!("sd({name}"));
+            // 2000 draws of a Monte Carlo: its means are good to a tenth of a standard deviation.
+            let tolerance = if kind.starts_with('q') { 0.25 } else { 0.12 };
+            assert!((here - right).abs() < tolerance * spread, "{data} {quantity}: {here} {right}");
+        }
+    }
+}
+
 const CALL: &str = "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt \
                     --summary summary.txt --verdict verdict.txt -o draws.txt";
 
@@ -200,7 +251,10 @@ fn a_batch_that_comes_out_as_predicted_proves_the_posterior() {
     assert_eq!(folder.quantity("summary.txt", "proof_runs"), 4.0);
     let output = folder.call("gl-check-stop --previous before.txt summary.txt -o stop.txt", "");
     assert_eq!(output.status.code(), Some(0), "{}", folder.read("stop.txt"));
-    assert_eq!(folder.texts("stop.txt", "criterion"), ["ignorance", "shift", "spread", "proof", "settled"]);
+    assert_eq!(
+        folder.texts("stop.txt", "criterion"),
+        ["ignorance", "shift", "spread", "proof", "scatter", "settled"]
+    );
     // A batch that is another model's is no proof.
     simulate(&folder, "next.txt", "more.txt", &control(40), |p, x| curve(p, x) + 0.3 * p[0] * x);
     folder.run(&format!("{CALL} -s next.txt more.txt --noise y=0.02"));

@@ -32,7 +32,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::{Prior, normal_quantile};
 use gl_inference::samples::Samples;
 use gl_progress::stage;
-use gp::{Gp, Kernel, Mean, Points};
+use gp::{Gp, Hyperparameters, Kernel, Mean, Points};
 use inputs::Inputs;
 pub use inputs::Reach;
 use train::{SHORT_LENGTH, Search, train};
@@ -56,6 +56,8 @@ pub struct Options {
     pub short_length: f64,
     /// Number of places that the search for the lengths starts from.
     pub starts: usize,
+    /// Hyperparameters to start from, too, one a component; without any other start they are taken as they are.
+    pub known: Vec<Hyperparameters>,
     /// Seed of those places.
     pub seed: u64,
 }
@@ -70,6 +72,7 @@ impl Default for Options {
             kernel: Kernel::default(),
             short_length: SHORT_LENGTH,
             starts: 4,
+            known: Vec::new(),
             seed: 0,
         }
     }
@@ -193,7 +196,14 @@ impl Emulator {
             .map(|c| {
                 let mut generator = ChaCha8Rng::seed_from_u64(options.seed);
                 generator.set_stream(c as u64);
-                train(&rows, &points, components.scores.column(c).as_slice(), search, &mut generator)
+                train(
+                    &rows,
+                    &points,
+                    components.scores.column(c).as_slice(),
+                    search,
+                    options.known.get(c),
+                    &mut generator,
+                )
             })
             .inspect(|_| stage.advance())
             .collect::<Result<Vec<_>>>()?;

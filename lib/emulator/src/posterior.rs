@@ -10,6 +10,7 @@ pub mod likelihood;
 pub mod mixture;
 pub mod noise;
 mod proof;
+pub mod scatter;
 pub mod smc;
 pub mod space;
 pub mod summary;
@@ -35,7 +36,7 @@ use noise::ChiSquare;
 pub use proof::Proof;
 use smc::{Effort, Population, sample};
 use space::Space;
-use surrogate::{MOST_CALIBRATION, Ranked, Surrogate};
+use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -109,6 +110,9 @@ pub struct Inference {
     /// Standard deviation of ln likelihood within the posterior by what the emulator does not know, the root of
     /// its mean square; see [`Likelihood::ignorance`].
     pub ignorance: f64,
+    /// Relative error of the posterior's standard deviations for the number of runs that the patterns of the
+    /// simulation's scatter are known by.
+    pub scatter_error: f64,
     /// Largest change of a mean, in standard deviations, if the emulator were exact.
     pub shift_if_known: f64,
     /// Smallest ratio of a standard deviation if the emulator were exact.
@@ -189,7 +193,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     // A first look, with an emulator of few runs, from the whole prior.
     let first = ranked.first_look(&measured, options.seed)?;
     let nuisances = nuisances(&first, &space, &measured, options);
-    let likelihood = Likelihood::new(&first.emulator, &space, &measured, first.calibration, nuisances);
+    let likelihood = Likelihood::new(&first, &space, &measured, nuisances);
     let posterior = Posterior { likelihood: &likelihood, space: &space, start: None };
     let start = from_prior(&space, likelihood.nuisances().len(), FIRST_PARTICLES, options.seed)?;
     let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed: options.seed };
@@ -199,13 +203,25 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let ranked = ranked.by_prediction(&first.emulator, &measured)?;
     stage.advance();
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
+    // What the runs before the newest say: these are held against it, and the search for lengths starts there, too.
+    let before = if newest.is_empty() {
+        None
+    } else {
+        ranked.without(&newest).by(PLAIN, &measured, options.seed).ok()
+    };
+    let ranked = before.as_ref().map_or_else(|| ranked.clone(), |before| ranked.starting_from(before));
     let near: Vec<Vec<f64>> = ranked.places()?.into_iter().take(ranked.near()).collect();
     let through = |mut surrogate: Surrogate| {
-        let proof = if newest.is_empty() {
-            None
-        } else {
-            let recipe = surrogate.recipe;
-            proof::prove(&ranked, &newest, &measured, recipe, &space, question.samples, options.seed)?
+        let prove =
+            |before: &Surrogate| proof::prove(before, &ranked, &newest, &measured, &space, question.samples);
+        let recipe = Recipe { is_kept: false, ..surrogate.recipe };
+        let proof = match &before {
+            None => None,
+            Some(before) if recipe == PLAIN => prove(before)?,
+            Some(_) => match ranked.without(&newest).by(recipe, &measured, options.seed) {
+                Ok(before) => prove(&before)?,
+                Err(_) => None,
+            },
         };
         if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
             // What was predicted too boldly may well be so again: of both widths the larger.
@@ -309,12 +325,10 @@ fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Opt
 
 /// Whether the simulation's scatter is large enough to make a difference.
 fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nuisances: &Nuisances) -> bool {
-    let emulator = &surrogate.emulator;
     let exact = NoiseAt { scatter: 0.0, variance: 1.0, correlation: vec![0.0; measured.observables()] };
-    let likelihood = Likelihood::new(emulator, space, measured, 1.0, nuisances.clone());
+    let likelihood = Likelihood::new(surrogate, space, measured, nuisances.clone());
     let importance = likelihood.importance(&exact);
-    let counts: f64 =
-        emulator.nugget().iter().enumerate().map(|(c, nugget)| nugget * importance[(c, c)]).sum();
+    let counts = (surrogate.scatter.of_scores(&surrogate.emulator, measured) * importance).trace();
     // Where the noise is not known, what counts is not either.
     !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
 }
@@ -355,7 +369,7 @@ const MISSED: f64 = 5.0;
 impl Sampler<'_> {
     fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
         let Self { surrogate, space, measured, .. } = self;
-        Likelihood::new(&surrogate.emulator, space, measured, surrogate.calibration, nuisances)
+        Likelihood::new(surrogate, space, measured, nuisances)
     }
 
     /// The posterior, from near that of the first look, with the noise as the residuals say it is.
@@ -509,8 +523,7 @@ fn finish(
     options: Options,
 ) -> Result<Inference> {
     let Outcome { population, nuisances, correlated, chi_square } = outcome;
-    let likelihood =
-        Likelihood::new(&surrogate.emulator, &space, &measured, surrogate.calibration, nuisances.clone());
+    let likelihood = Likelihood::new(&surrogate, &space, &measured, nuisances.clone());
     let points = thinned(&population.points, options.draws, options.seed);
     let curves: Vec<Vec<f64>> = points
         .par_iter()
@@ -534,6 +547,17 @@ fn finish(
         .map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], &noise[0]))
         .collect();
     let ignorance = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
+    // The variance of n runs is known to √(2/n).
+    let (without, with) = points[..PAIRED.min(points.len())]
+        .par_chunks_exact(2)
+        .zip(noise.par_chunks_exact(2))
+        .map(|(pair, noise)| likelihood.information(&pair[0], &pair[1], &noise[0]))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .fold((0.0, 0.0), |(a, b), (without, with)| (a + without, b + with));
+    let taken = if without > 0.0 { (1.0 - with / without).clamp(0.0, 1.0) } else { 0.0 };
+    let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
+    let scatter_error = taken * (0.5 / degrees).sqrt();
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
     let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
     let index = samples.index();
@@ -567,6 +591,7 @@ fn finish(
         independent_readings: noise::independent(&curves[best], &measured).iter().sum(),
         chi_square,
         ignorance,
+        scatter_error,
         shift_if_known,
         ratio_if_known,
         proof,
@@ -618,13 +643,8 @@ impl Inference {
     /// # Errors
     /// If there are more parameters than a sequence has dimensions.
     pub fn next_runs(&self, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
-        let likelihood = Likelihood::new(
-            &self.surrogate.emulator,
-            &self.space,
-            &self.measured,
-            self.surrogate.calibration,
-            self.nuisances.clone(),
-        );
+        let likelihood =
+            Likelihood::new(&self.surrogate, &self.space, &self.measured, self.nuisances.clone());
         let importance = likelihood.importance(&self.noise[0]).diagonal().iter().copied().collect();
         let draws: Vec<Vec<f64>> = self.points.iter().map(|x| x[..self.space.len()].to_vec()).collect();
         let choice = batch::Choice {

@@ -209,11 +209,16 @@ fn an_input_that_does_nothing_gets_a_long_length() {
         rows.iter().map(|x| (6.0 * x[0]).sin() + (4.0 * x[1]).cos() + 0.1 * normal(&mut generator)).collect();
     let points = Points::new(&rows, Mean::Constant).unwrap();
     let search = Search { mean: Mean::Constant, starts: 4, short_length: SHORT_LENGTH };
-    let gp = train(&rows, &points, &y, search, &mut generator).unwrap();
+    let gp = train(&rows, &points, &y, search, None, &mut generator).unwrap();
     let hyper = gp.hyperparameters();
     assert!(hyper.lengths[..2].iter().all(|&length| length < 2.0), "{hyper:?}");
     assert!(hyper.lengths[2..].iter().all(|&length| length > 4.0), "{hyper:?}");
     assert!((gp.nugget().sqrt() / 0.1 - 1.0).abs() < 0.25, "{}", gp.nugget().sqrt());
+    // What was found is where a search goes on, and without another start it is taken as it is.
+    let found = gp.hyperparameters();
+    let known = Search { starts: 0, ..search };
+    let kept = train(&rows, &points, &y, known, Some(&found), &mut generator).unwrap().hyperparameters();
+    assert_eq!((&kept.lengths, kept.nugget_ratio), (&found.lengths, found.nugget_ratio));
 }
 
 #[test]

@@ -43,6 +43,7 @@ pub struct Search {
 /// * `rows` — inputs, shape (points, inputs).
 /// * `points` — the same, with their mean function.
 /// * `y` — readings, shape (points,).
+/// * `known` — hyperparameters to start from, too; without any other start they are taken as they are.
 ///
 /// # Errors
 /// If no start has a likelihood.
@@ -51,9 +52,14 @@ pub fn train(
     points: &Points,
     y: &[f64],
     search: Search,
+    known: Option<&Hyperparameters>,
     generator: &mut ChaCha8Rng,
 ) -> Result<Gp> {
     let d = points.dimension();
+    let known = known.filter(|known| known.lengths.len() == d);
+    if let (0, Some(known)) = (search.starts, known) {
+        return Gp::new(points, y, &Hyperparameters { variance: None, ..known.clone() });
+    }
     let mut bounds = vec![(LENGTHS.0.ln(), LENGTHS.1.ln()); d];
     bounds.push((NUGGET_RATIOS.0.ln(), NUGGET_RATIOS.1.ln()));
 
@@ -67,6 +73,10 @@ pub fn train(
         starts.push(start);
     }
     starts.truncate(search.starts.max(1));
+    if let Some(known) = known {
+        let start = known.lengths.iter().chain([&known.nugget_ratio]);
+        starts.push(start.zip(&bounds).map(|(value, bounds)| value.ln().clamp(bounds.0, bounds.1)).collect());
+    }
 
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.shuffle(generator);

@@ -115,6 +115,12 @@ pub fn criteria(
 /// Of the standard deviation of ln likelihood within the posterior by what the emulator does not know.
 const IGNORANCE: f64 = 0.5;
 
+/// The same where runs scatter: what is not known falls by the root of their number, and a batch changes little.
+const SCATTERED_IGNORANCE: f64 = 0.35;
+
+/// Error of the emulator on runs left out, in standard deviations of the noise, from which they do.
+const SCATTERS: f64 = 0.3;
+
 /// Of the change of a mean since the batch before, in standard deviations.
 const SHIFT: f64 = 0.3;
 
@@ -123,6 +129,12 @@ const SPREAD: f64 = 0.2;
 
 /// Of the errors of the newest batch, in standard deviations of what was predicted.
 const PROOF: f64 = 2.0;
+
+/// Of the standard deviations' relative error for the runs that the simulator's scatter is known by.
+const SCATTER: f64 = 0.08;
+
+/// The criteria that are only together a reason to stop, as `settled`.
+pub const PARTS: [&str; 5] = ["ignorance", "shift", "spread", "proof", "scatter"];
 
 /// What stands for the value of something that there is not yet.
 const UNKNOWN: f64 = 1e6;
@@ -157,12 +169,17 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     let below = |name, value: f64, tolerance| part(name, value, tolerance, value <= tolerance);
     let z = summary.proof_z.unwrap_or(f64::INFINITY);
     let is_chance = summary.proof_p.is_some_and(|p| p >= CHANCE);
+    let scatters = summary.rmse.is_some_and(|rmse| rmse > SCATTERS);
+    let ignorance = if scatters { SCATTERED_IGNORANCE } else { IGNORANCE };
     let mut parts = vec![
-        below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), IGNORANCE),
+        below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), ignorance),
         below("shift", shift, SHIFT),
         below("spread", spread, SPREAD),
         part("proof", z, PROOF, z <= PROOF || is_chance),
     ];
+    if let Some(error) = summary.scatter_error {
+        parts.push(below("scatter", error, SCATTER));
+    }
     let open = parts.iter().filter(|part| !part.is_met).count();
     parts.push(Criterion::new("settled", open as f64, 0.0, open == 0));
     parts

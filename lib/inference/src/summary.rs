@@ -95,6 +95,8 @@ quantities! {
     calibration,
     /// Share of the simulation's scatter that the measurement has too.
     scatter,
+    /// Relative error of the standard deviations for the runs that the scatter is known by.
+    scatter_error,
     /// Factor on the noise that was stated.
     inflation,
     /// Largest correlation of an observable's noise from step to step.

@@ -1,11 +1,12 @@
 //! How well the loop through an emulator is calibrated, and how many runs it takes.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
 use gl_table::TableWriter;
-use pipelines::coverage::looped::{Outcome, repeated, replicate};
+use pipelines::coverage::looped::{Outcome, export, repeated, replicate};
 use pipelines::coverage::problem::{PROBLEMS, Problem};
 use rayon::prelude::*;
 
@@ -24,6 +25,9 @@ struct Args {
     /// Compare the true posterior with itself by other seeds instead
     #[arg(long)]
     repeat: bool,
+    /// Write the measurements and the true posteriors to this folder instead, for other programs
+    #[arg(long)]
+    export: Option<PathBuf>,
     /// Say what happens at every batch
     #[arg(long)]
     verbose: bool,
@@ -35,6 +39,15 @@ fn run(args: &Args) -> Result<()> {
     } else {
         args.problems.iter().map(|name| Problem::named(name)).collect::<Result<_>>()?
     };
+    if let Some(folder) = &args.export {
+        std::fs::create_dir_all(folder)?;
+        for problem in &problems {
+            for i in 0..args.num {
+                export(problem, 1_000_003 * (args.seed + i), &folder.join(format!("{}-{i}", problem.name)))?;
+            }
+        }
+        return Ok(());
+    }
     if args.repeat {
         return repeat(&problems, args);
     }
@@ -46,6 +59,7 @@ fn run(args: &Args) -> Result<()> {
         "unsettled",
         "unfit",
         "coverage90",
+        "coverage90_exact",
         "sd_ratio",
         "sd_ratio_10",
         "sd_ratio_90",
@@ -73,8 +87,10 @@ fn run(args: &Args) -> Result<()> {
         let runs = || outcomes.iter().map(|o| o.runs as f64).collect::<Vec<_>>();
         let ratios = || outcomes.iter().flat_map(|o| o.ratio.clone()).collect::<Vec<_>>();
         let shifts = || outcomes.iter().flat_map(|o| o.shift.iter().map(|s| s.abs())).collect::<Vec<_>>();
-        let holds: Vec<bool> = outcomes.iter().flat_map(|o| o.holds.clone()).collect();
-        let held = holds.iter().filter(|h| **h).count() as f64 / holds.len() as f64;
+        let held = |of: &dyn Fn(&Outcome) -> &Vec<bool>| {
+            let holds: Vec<bool> = outcomes.iter().flat_map(|o| of(o).clone()).collect();
+            holds.iter().filter(|h| **h).count() as f64 / holds.len() as f64
+        };
         let modes: Vec<&Outcome> = outcomes.iter().filter(|o| o.lesser.1 > 0.1).collect();
         let kept = modes.iter().filter(|o| o.lesser.0 > 0.3 * o.lesser.1).count() as f64;
         table.text(problem.name).number(args.num as f64);
@@ -83,7 +99,8 @@ fn run(args: &Args) -> Result<()> {
             of(runs(), 1.0),
             share(&|o| !o.is_settled),
             share(&|o| o.is_unfit),
-            held,
+            held(&|o| &o.holds),
+            held(&|o| &o.holds_exact),
         ]);
         table.numbers(&[of(ratios(), 0.5), of(ratios(), 0.1), of(ratios(), 0.9), of(ratios(), 0.0)]);
         table.numbers(&[of(shifts(), 0.5), of(shifts(), 0.9)]);

@@ -1,5 +1,7 @@
 //! The loop on one problem, and what came of it.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::Result;
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::design::{Effects, batch_runs, draw, first_runs};
@@ -7,6 +9,7 @@ use gl_inference::samples::{Samples, sample_names};
 use gl_inference::stop::{Criterion, Previous, Tolerances, criteria};
 use gl_numeric::sequence::Method;
 use gl_numeric::statistics::{Quantiles, mean, sd};
+use gl_table::TableWriter;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -24,6 +27,8 @@ pub struct Outcome {
     pub is_unfit: bool,
     /// By parameter: whether the 90 % interval holds the truth.
     pub holds: Vec<bool>,
+    /// The same of the true posterior's interval: what is short there is chance.
+    pub holds_exact: Vec<bool>,
     /// Its standard deviation over the true posterior's.
     pub ratio: Vec<f64>,
     /// Its mean less the true one, in true standard deviations.
@@ -100,6 +105,35 @@ pub fn replicate(problem: &Problem, seed: u64, is_verbose: bool) -> Result<Outco
     unreachable!("the loop ends by its number of runs")
 }
 
+/// Write a replicate's measurement and its true posterior: `PATH-obs.txt` and `PATH-exact.txt`.
+///
+/// # Errors
+/// If the posterior cannot be sampled, or a file not written.
+pub fn export(problem: &Problem, seed: u64, path: &Path) -> Result<()> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let truth: Vec<f64> = (0..problem.parameters).map(|_| generator.random()).collect();
+    let observations = problem.measure(&truth, &mut generator);
+    let exact = reference::posterior(problem, &observations, seed)?;
+    let file = |what: &str| PathBuf::from(format!("{}-{what}.txt", path.display()));
+    let mut columns = vec!["u"];
+    columns.extend(observations.names.iter().map(String::as_str));
+    let mut table = TableWriter::create(Some(&file("obs")), &columns)?;
+    for (step, u) in observations.control.iter().enumerate() {
+        table.number(*u);
+        observations.values.iter().for_each(|values| {
+            table.number(values[step]);
+        });
+        table.end_row()?;
+    }
+    table.finish()?;
+    let mut table = TableWriter::create(Some(&file("exact")), &["parameter", "truth", "mean", "sd"])?;
+    for (j, truth) in truth.iter().enumerate() {
+        let (mean, sd) = moments(&exact, j);
+        table.text(&format!("p{j}")).numbers(&[*truth, mean, sd]).end_row()?;
+    }
+    table.finish()
+}
+
 /// How far the true posterior is from itself by another seed: the largest shift of a mean in standard
 /// deviations, the smallest and the largest ratio of standard deviations.
 ///
@@ -136,9 +170,10 @@ fn said(inference: &Inference, asked: &[Criterion], exact: &[Vec<f64>]) -> Strin
     let ratios: Vec<String> =
         compare(inference, exact).iter().map(|(ratio, shift)| format!("{ratio:.2}/{shift:+.2}")).collect();
     format!(
-        "{}{} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
+        "{}{} white={:.2} known={:.2},{:.2} rmse={:.3} cal={:.1} kurt={:.1} {:?}{} chi={:?} phi={:?} F={:.2} infl={} err={:.3} | {}",
         criteria.join(" "),
         if inference.is_unfit() { " UNFIT" } else { "" },
+        s.scatter.white.iter().sum::<f64>() / s.scatter.white.len() as f64,
         inference.shift_if_known,
         inference.ratio_if_known,
         s.rmse,
@@ -174,10 +209,13 @@ fn outcome(
     last: String,
 ) -> Outcome {
     let compared = compare(inference, exact);
-    let holds = |(j, truth): (usize, &f64)| {
-        let column: Vec<f64> = inference.values.iter().map(|x| x[j]).collect();
-        let quantiles = Quantiles::new(&column, &vec![1.0 / column.len() as f64; column.len()]);
-        (quantiles.at(0.05)..=quantiles.at(0.95)).contains(truth)
+    let holds = |points: &[Vec<f64>]| -> Vec<bool> {
+        let of = |(j, truth): (usize, &f64)| {
+            let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
+            let quantiles = Quantiles::new(&column, &vec![1.0 / column.len() as f64; column.len()]);
+            (quantiles.at(0.05)..=quantiles.at(0.95)).contains(truth)
+        };
+        truth.iter().enumerate().map(of).collect()
     };
     let share =
         |points: &[Vec<f64>]| points.iter().filter(|x| x[0] > 0.5).count() as f64 / points.len() as f64;
@@ -187,7 +225,8 @@ fn outcome(
         runs,
         is_settled,
         is_unfit: inference.is_unfit(),
-        holds: truth.iter().enumerate().map(holds).collect(),
+        holds: holds(&inference.values),
+        holds_exact: holds(exact),
         ratio: compared.iter().map(|c| c.0).collect(),
         shift: compared.iter().map(|c| c.1).collect(),
         lesser,

@@ -15,6 +15,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::smc::Target;
 use super::space::Space;
+use super::surrogate::Surrogate;
 use crate::Emulator;
 use crate::cholesky::{Cholesky, Square, dot};
 
@@ -113,8 +114,14 @@ pub struct Nuisances {
     pub correlation: Vec<bool>,
 }
 
+/// Probability that the measurement has all of the simulation's scatter.
+const LIKE_SIMULATED: f64 = 0.8;
+
 /// The largest factor on a stated noise.
 const LARGEST_INFLATION: f64 = 10.0;
+
+/// A variance of a score that makes no difference, so that a matrix of none has a factor.
+const NO_VARIANCE: f64 = 1e-20;
 
 /// The largest correlation from step to step.
 const LARGEST_CORRELATION: f64 = 0.98;
@@ -144,12 +151,12 @@ impl Nuisances {
         self.len() == 0
     }
 
-    /// What coordinates, shape (len,), stand for. The share of the scatter is 1 with probability ½ and else even
-    /// between 0 and 1; noise and inflation are even in the logarithm (Jeffreys), correlations even.
+    /// What coordinates, shape (len,), stand for. The share of the scatter is 1 with probability 0.8, a specimen like
+    /// the simulated one, and else even between 0 and 1; noise and inflation are even in the logarithm (Jeffreys), correlations even.
     pub fn at(&self, coordinates: &[f64]) -> NoiseAt {
         let mut rest = coordinates.iter().copied();
         let mut next = || rest.next().unwrap_or(0.0);
-        let scatter = self.scatter.unwrap_or_else(|| (2.0 * next()).min(1.0));
+        let scatter = self.scatter.unwrap_or_else(|| (next() / (1.0 - LIKE_SIMULATED)).min(1.0));
         let mut ln_sd = 0.0;
         if let Some((low, high)) = self.ln_noise {
             ln_sd += low + (high - low) * next();
@@ -211,8 +218,8 @@ struct Block {
     inner: Quadratic,
     /// The patterns in units of the base, shape (steps, components), where the observable is warped.
     patterns: Vec<Vec<f64>>,
-    /// Variance that the components leave over, relative to the base: truncation, and scatter.
-    leftover: (f64, f64),
+    /// Variance that is white, relative to the base: what the components leave over, and scatter.
+    white: (f64, f64),
 }
 
 /// The likelihood of a measurement through an emulator.
@@ -224,10 +231,10 @@ pub struct Likelihood<'a> {
     /// Whether an observable is.
     is_warped: bool,
     blocks: Vec<Block>,
-    /// Lower factor of the correlation of the scores' errors.
+    /// Correlation of the scores' errors, lower half.
     correlation: Square,
-    /// Variance of each score by the simulation's scatter.
-    nugget: Vec<f64>,
+    /// Covariance of the scores by the simulation's scatter, lower half.
+    scatter: Square,
     /// What the emulator's variance is multiplied by.
     calibration: f64,
     nuisances: Nuisances,
@@ -249,20 +256,15 @@ struct Joint {
 }
 
 impl<'a> Likelihood<'a> {
-    /// * `calibration` — what the emulator's variance is multiplied by, so that its errors are as large as
-    ///   it says.
+    /// The likelihood through a surrogate.
     pub fn new(
-        emulator: &'a Emulator,
+        surrogate: &'a Surrogate,
         space: &'a Space,
         measured: &'a Measured,
-        calibration: f64,
         nuisances: Nuisances,
     ) -> Self {
+        let Surrogate { emulator, scatter, calibration, .. } = surrogate;
         let k = emulator.basis().ncols();
-        let nugget = emulator.nugget();
-        // Where the last components are nothing but scatter, so is what they leave over.
-        let last = nugget.iter().skip(k - k.div_ceil(4));
-        let scatter_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
         let is_warped = measured.warps.iter().any(|warp| warp.is_some());
         let block = |j: usize| {
             let outputs = j * measured.steps..(j + 1) * measured.steps;
@@ -281,7 +283,7 @@ impl<'a> Likelihood<'a> {
                 beside: Quadratic::zeros(k),
                 inner: Quadratic::zeros(k),
                 patterns: Vec::new(),
-                leftover: (0.0, 0.0),
+                white: (scatter.truncated[j], scatter.white[j]),
             };
             for (t, (row, e)) in rows.iter().enumerate() {
                 block.identity.add_product((row, *e), (row, *e));
@@ -293,25 +295,31 @@ impl<'a> Likelihood<'a> {
                     block.beside.add_product((next, *f), (row, *e));
                 }
             }
-            let leftover = outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>()
-                / measured.steps as f64;
             if is_warped {
                 block.patterns = rows.into_iter().map(|(pattern, _)| pattern).collect();
             }
-            block.leftover = ((1.0 - scatter_share) * leftover, scatter_share * leftover);
             block
         };
-        let correlation = {
+        let lower = |matrix: &DMatrix<f64>| {
             let mut lower = Square::zeros(k);
             for i in 0..k {
-                for j in 0..=i {
-                    lower.row_mut(i)[j] = emulator.correlation()[(i, j)];
-                }
+                (0..=i).for_each(|j| lower.row_mut(i)[j] = matrix[(i, j)]);
             }
-            Cholesky::new(&lower).map_or_else(|_| unit(k), |cholesky| cholesky.lower().clone())
+            lower
         };
+        let (correlation, of_scatter) = (lower(emulator.correlation()), lower(&scatter.scores));
         let blocks = (0..measured.observables()).map(block).collect();
-        Self { emulator, space, measured, is_warped, blocks, correlation, nugget, calibration, nuisances }
+        Self {
+            emulator,
+            space,
+            measured,
+            is_warped,
+            blocks,
+            correlation,
+            scatter: of_scatter,
+            calibration: *calibration,
+            nuisances,
+        }
     }
 
     /// Number of coordinates: parameters, then nuisances.
@@ -339,10 +347,10 @@ impl<'a> Likelihood<'a> {
     }
 
     fn joint(&self, noise: &NoiseAt) -> Joint {
-        let k = self.nugget.len();
+        let k = self.scatter.n();
         let mut joint = Joint { quadratic: Quadratic::zeros(k), ln_determinant: 0.0 };
         for (block, &phi) in self.blocks.iter().zip(&noise.correlation) {
-            let variance = noise.variance + block.leftover.0 + noise.scatter * block.leftover.1;
+            let variance = noise.variance + block.white.0 + noise.scatter * block.white.1;
             let factor = 1.0 / (variance * (1.0 - phi * phi));
             joint.quadratic.add(factor, &block.identity);
             joint.ln_determinant += block.ln_base + block.steps * variance.ln();
@@ -377,12 +385,8 @@ impl<'a> Likelihood<'a> {
             let square = quadratic.c - 2.0 * dot(&quadratic.a, mean) + dot(&g_mean, mean);
             (square, quadratic.a.iter().zip(&g_mean).map(|(a, g)| a - g).collect())
         };
-        let total: Vec<f64> = variance
-            .iter()
-            .zip(&self.nugget)
-            .map(|(variance, nugget)| calibration * variance.max(0.0) + noise.scatter * nugget)
-            .collect();
-        let Some((factor, cholesky)) = self.capacitance(&quadratic.g, &total) else {
+        let variance: Vec<f64> = variance.iter().map(|v| calibration * v.max(0.0)).collect();
+        let Some((factor, cholesky)) = self.capacitance(&quadratic.g, &variance, noise.scatter) else {
             return Fit { ln: f64::NEG_INFINITY, square: f64::INFINITY };
         };
         let mut q: Vec<f64> = (0..k).map(|i| (i..k).map(|l| factor.row(l)[i] * gap[l]).sum()).collect();
@@ -402,7 +406,7 @@ impl<'a> Likelihood<'a> {
         for ((block, &phi), e) in
             self.blocks.iter().zip(&noise.correlation).zip(e.chunks(self.measured.steps))
         {
-            let variance = noise.variance + block.leftover.0 + noise.scatter * block.leftover.1;
+            let variance = noise.variance + block.white.0 + noise.scatter * block.white.1;
             let factor = 1.0 / (variance * (1.0 - phi * phi));
             let last = e.len() - 1;
             for (t, pattern) in block.patterns.iter().enumerate() {
@@ -418,14 +422,20 @@ impl<'a> Likelihood<'a> {
         (square, gap)
     }
 
-    /// L with L Lᵀ = C for variances of the scores, and the factor of I + Lᵀ G L.
-    fn capacitance(&self, g: &[f64], variance: &[f64]) -> Option<(Square, Cholesky)> {
+    /// L with L Lᵀ = C for variances of the scores' errors and a share of the scatter, and the factor of I + Lᵀ G L.
+    fn capacitance(&self, g: &[f64], variance: &[f64], scatter: f64) -> Option<(Square, Cholesky)> {
         let k = variance.len();
-        let mut factor = self.correlation.clone();
-        for (i, variance) in variance.iter().enumerate() {
-            let sd = variance.sqrt();
-            factor.row_mut(i)[..=i].iter_mut().for_each(|l| *l *= sd);
+        let sd: Vec<f64> = variance.iter().map(|variance| variance.sqrt()).collect();
+        let mut factor = Square::zeros(k);
+        for i in 0..k {
+            let (correlation, of_scatter) = (self.correlation.row(i), self.scatter.row(i));
+            let row = factor.row_mut(i);
+            for j in 0..=i {
+                row[j] = correlation[j] * sd[i] * sd[j] + scatter * of_scatter[j];
+            }
+            row[i] += NO_VARIANCE;
         }
+        let factor = Cholesky::new(&factor).ok()?.lower().clone();
         let mut product = Square::zeros(k);
         for i in 0..k {
             let row = &g[i * k..(i + 1) * k];
@@ -446,14 +456,15 @@ impl<'a> Likelihood<'a> {
     /// BᵀΣ⁻¹B with Σ of noise and scatter alone, shape (components, components): what an error of the scores
     /// counts for.
     pub fn importance(&self, noise: &NoiseAt) -> DMatrix<f64> {
-        let k = self.nugget.len();
+        let k = self.scatter.n();
         let g = self.joint(noise).quadratic.g;
-        let total: Vec<f64> = self.nugget.iter().map(|nugget| noise.scatter * nugget).collect();
         let mut importance = DMatrix::from_row_slice(k, k, &g);
-        if total.iter().all(|variance| *variance == 0.0) {
+        if noise.scatter == 0.0 {
             return importance;
         }
-        let Some((factor, cholesky)) = self.capacitance(&g, &total) else { return importance };
+        let Some((factor, cholesky)) = self.capacitance(&g, &vec![0.0; k], noise.scatter) else {
+            return importance;
+        };
         // Columns of (chol)⁻¹ Lᵀ G.
         let columns: Vec<Vec<f64>> = (0..k)
             .map(|c| {
@@ -469,6 +480,18 @@ impl<'a> Likelihood<'a> {
             }
         }
         importance
+    }
+
+    /// The share of what a measurement without patterns of scatter would say of the way from one point to another,
+    /// δᵀGδ with δ the difference of the mean scores and G = BᵀD⁻¹B, that these patterns take: what it would say, and
+    /// what it says.
+    pub fn information(&self, one: &[f64], other: &[f64], noise: &NoiseAt) -> (f64, f64) {
+        let [from, to] =
+            [one, other].map(|x| DVector::from_vec(self.emulator.mean_scores(&self.space.coordinates(x))));
+        let along = to - from;
+        let k = along.len();
+        let without = DMatrix::from_row_slice(k, k, &self.joint(noise).quadratic.g);
+        (along.dot(&(without * &along)), along.dot(&(self.importance(noise) * &along)))
     }
 
     /// Half the variance that the difference of ln likelihood between two points has by what the emulator does
@@ -491,12 +514,6 @@ impl<'a> Likelihood<'a> {
         let shared = along.dot(&(self.emulator.score_covariance(&shared) * &along));
         0.5 * (shared + (importance * self.emulator.score_covariance(&apart)).trace())
     }
-}
-
-fn unit(k: usize) -> Square {
-    let mut unit = Square::zeros(k);
-    (0..k).for_each(|i| unit.row_mut(i)[i] = 1.0);
-    unit
 }
 
 /// A posterior, and the prior or another density to start from.

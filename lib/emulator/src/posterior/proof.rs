@@ -9,7 +9,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::likelihood::Measured;
 use super::space::Space;
-use super::surrogate::{Ranked, Recipe, Surrogate};
+use super::surrogate::{Ranked, Surrogate};
 
 /// How a batch of runs came out against an emulator that did not know them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,20 +27,18 @@ pub struct Proof {
 /// Error that no likelihood feels, in standard deviations of the noise of all readings together.
 const NEGLIGIBLE: f64 = 0.3;
 
-/// Predict the newest runs from the others; nothing where these are too few for an emulator.
+/// Hold the newest runs against what a surrogate of the others predicts of them.
 ///
 /// # Errors
 /// If a sample lacks a parameter.
 pub fn prove(
+    before: &Surrogate,
     ranked: &Ranked<'_>,
     newest: &HashSet<&str>,
     measured: &Measured,
-    recipe: Recipe,
     space: &Space,
     samples: &Samples,
-    seed: u64,
 ) -> Result<Option<Proof>> {
-    let Ok(before) = ranked.without(newest).by(recipe, measured, seed) else { return Ok(None) };
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
     let mut squares = Vec::new();
@@ -48,7 +46,7 @@ pub fn prove(
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
-        let (square, count, error) = surprise(&before, space, measured, &x, &curve);
+        let (square, count, error) = surprise(before, space, measured, &x, &curve);
         total += square;
         degrees += count;
         squares.push(error);
@@ -78,10 +76,8 @@ fn surprise(
     let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
     let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);
-    let nugget = emulator.nugget();
-    let total: Vec<f64> =
-        variance.iter().zip(&nugget).map(|(v, nugget)| before.calibration * v + nugget).collect();
-    let covariance = emulator.score_covariance(&total);
+    let variance: Vec<f64> = variance.iter().map(|v| before.calibration * v).collect();
+    let covariance = emulator.score_covariance(&variance) + before.scatter.of_scores(emulator, measured);
     let Some(inverse) = gram.clone().try_inverse() else { return (0.0, 0.0, f64::INFINITY) };
     let scores = &inverse * pattern.tr_mul(&residual);
     let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE);

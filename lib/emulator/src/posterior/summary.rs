@@ -198,6 +198,7 @@ impl Inference {
             rmse: Some(self.surrogate.rmse),
             calibration: Some(self.surrogate.calibration),
             scatter: Some(self.noise.iter().map(|noise| noise.scatter).sum::<f64>() / n),
+            scatter_error: Some(self.scatter_error),
             inflation: Some(if self.nuisances.inflation { self.variance().sqrt() } else { 1.0 }),
             correlation: Some(correlations.fold(0.0, f64::max)),
             independent_readings: Some(self.independent_readings),

@@ -8,8 +8,9 @@ use gl_inference::samples::Samples;
 use nalgebra::DVector;
 
 use super::likelihood::Measured;
+use super::scatter::Scatter;
 use super::space::Space;
-use crate::gp::Kernel;
+use crate::gp::{Gp, Hyperparameters, Kernel};
 use crate::{Emulator, Options};
 
 /// Runs that an emulator learns from at most; its cost grows with their cube.
@@ -46,6 +47,8 @@ pub(super) const MOST_CALIBRATION: f64 = 9.0;
 pub struct Surrogate {
     /// The emulator.
     pub emulator: Emulator,
+    /// What the runs differ by about its mean.
+    pub scatter: Scatter,
     /// What its variance is multiplied by, so that its errors are as large as it says.
     pub calibration: f64,
     /// Root mean square of the leave-one-out errors near the posterior, in standard deviations of the noise.
@@ -63,7 +66,12 @@ pub struct Recipe {
     pub kernel: Kernel,
     /// Whether half of the runs, those that fit badly, are left out but for some.
     pub is_local: bool,
+    /// Whether the lengths are those that an emulator of fewer runs had.
+    pub is_kept: bool,
 }
+
+/// Of all runs, by less smooth processes.
+pub const PLAIN: Recipe = Recipe { kernel: Kernel::Matern, is_local: false, is_kept: false };
 
 /// The runs, from the one that fits best to the one that fits worst.
 #[derive(Clone, Debug)]
@@ -75,6 +83,8 @@ pub struct Ranked<'a> {
     pub order: Vec<usize>,
     /// Summed misfit of each run, in the order of the ensemble.
     pub misfit: Vec<f64>,
+    /// What an emulator of some of the runs found, one a component, where the search for lengths starts, too.
+    known: Vec<Hyperparameters>,
 }
 
 impl<'a> Ranked<'a> {
@@ -86,7 +96,7 @@ impl<'a> Ranked<'a> {
         order.sort_by(|&a, &b| {
             misfit[a].total_cmp(&misfit[b]).then_with(|| ensemble.samples[a].cmp(&ensemble.samples[b]))
         });
-        Self { space, samples, ensemble, order, misfit }
+        Self { space, samples, ensemble, order, misfit, known: Vec::new() }
     }
 
     /// The same runs, ranked by what an emulator predicts at their parameters: where the simulator scatters,
@@ -115,6 +125,12 @@ impl<'a> Ranked<'a> {
             predicted[a].total_cmp(&predicted[b]).then_with(names)
         });
         Ok(Self { order, ..self.clone() })
+    }
+
+    /// The same, with the search for lengths starting from what an emulator found, too.
+    pub fn starting_from(&self, surrogate: &Surrogate) -> Self {
+        let processes = surrogate.emulator.processes();
+        Self { known: processes.iter().map(Gp::hyperparameters).collect(), ..self.clone() }
     }
 
     /// The same without some runs.
@@ -171,12 +187,7 @@ impl<'a> Ranked<'a> {
     /// # Errors
     /// See [`Emulator::fit`].
     pub fn first_look(&self, measured: &Measured, seed: u64) -> Result<Surrogate> {
-        self.train(
-            Recipe { kernel: Kernel::Matern, is_local: false },
-            (MOST_FIRST * 3 / 4, MOST_FIRST / 4),
-            measured,
-            seed,
-        )
+        self.train(PLAIN, (MOST_FIRST * 3 / 4, MOST_FIRST / 4), measured, seed)
     }
 
     /// The emulator that predicts the runs near the posterior best, each left out in turn: of smooth or
@@ -190,9 +201,13 @@ impl<'a> Ranked<'a> {
         for is_local in [false, true] {
             for kernel in [Kernel::Matern, Kernel::Gaussian] {
                 if !is_local || is_local_possible {
-                    candidates.push(Recipe { kernel, is_local });
+                    candidates.push(Recipe { kernel, is_local, is_kept: false });
                 }
             }
+        }
+        // More runs are not to make it worse: where the search went astray, what was found before serves.
+        if !self.known.is_empty() {
+            candidates.push(Recipe { is_kept: true, ..PLAIN });
         }
         let mut best: Option<Surrogate> = None;
         let mut failure = None;
@@ -245,7 +260,8 @@ impl<'a> Ranked<'a> {
             leftover: Some(leftover),
             max_components: COMPONENTS,
             kernel: recipe.kernel,
-            starts: STARTS,
+            starts: if recipe.is_kept { 0 } else { STARTS },
+            known: self.known.clone(),
             short_length: SHORT_LENGTH,
             seed,
             ..Options::default()
@@ -264,6 +280,7 @@ impl<'a> Ranked<'a> {
             self.order[..self.near()].iter().map(|&run| self.ensemble.samples[run].as_str()).collect();
         let errors = LeftOut::new(&emulator, &near, measured).context("no run near the posterior")?;
         Ok(Surrogate {
+            scatter: Scatter::new(&emulator, measured),
             emulator,
             calibration: errors.calibration,
             rmse: errors.rmse,
