@@ -33,8 +33,8 @@ pub struct Measured {
     pub warps: Vec<Warp>,
     /// Whether it is known.
     pub is_known: bool,
-    /// Number of steps.
-    pub steps: usize,
+    /// Where the readings of each observable begin, and the number of all, shape (observables + 1,).
+    pub starts: Vec<usize>,
     /// Range of each observable, shape (observables,).
     pub ranges: Vec<f64>,
 }
@@ -43,7 +43,7 @@ impl Measured {
     /// What the readings have more than a curve that the emulator gives, in their own units, shape
     /// (observables · steps).
     pub fn residual(&self, curve: &[f64]) -> Vec<f64> {
-        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[o / self.steps].back(*y);
+        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[self.observable_of(o)].back(*y);
         curve.iter().enumerate().map(of).collect()
     }
 
@@ -56,6 +56,16 @@ impl Measured {
     /// Number of observables.
     pub fn observables(&self) -> usize {
         self.ranges.len()
+    }
+
+    /// Places of the readings of an observable.
+    pub fn own(&self, observable: usize) -> std::ops::Range<usize> {
+        self.starts[observable]..self.starts[observable + 1]
+    }
+
+    /// The observable of a reading.
+    pub fn observable_of(&self, reading: usize) -> usize {
+        self.starts.partition_point(|start| *start <= reading) - 1
     }
 }
 
@@ -265,7 +275,7 @@ impl<'a> Likelihood<'a> {
         let scatter_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
         let is_warped = measured.warps.iter().any(|warp| warp.is_some());
         let block = |j: usize| {
-            let outputs = j * measured.steps..(j + 1) * measured.steps;
+            let outputs = measured.own(j);
             let rows: Vec<(Vec<f64>, f64)> = outputs
                 .clone()
                 .map(|o| {
@@ -275,7 +285,7 @@ impl<'a> Likelihood<'a> {
                 })
                 .collect();
             let mut block = Block {
-                steps: measured.steps as f64,
+                steps: outputs.len() as f64,
                 ln_base: outputs.clone().map(|o| 2.0 * measured.noise[o].ln()).sum(),
                 identity: Quadratic::zeros(k),
                 beside: Quadratic::zeros(k),
@@ -294,7 +304,7 @@ impl<'a> Likelihood<'a> {
                 }
             }
             let leftover = outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>()
-                / measured.steps as f64;
+                / block.steps;
             if is_warped {
                 block.patterns = rows.into_iter().map(|(pattern, _)| pattern).collect();
             }
@@ -399,9 +409,8 @@ impl<'a> Likelihood<'a> {
         let residual = self.measured.residual(curve.as_slice());
         let e: Vec<f64> = residual.iter().zip(&self.measured.noise).map(|(r, sd)| r / sd).collect();
         let (mut square, mut gap) = (0.0, vec![0.0; mean.len()]);
-        for ((block, &phi), e) in
-            self.blocks.iter().zip(&noise.correlation).zip(e.chunks(self.measured.steps))
-        {
+        for (j, (block, &phi)) in self.blocks.iter().zip(&noise.correlation).enumerate() {
+            let e = &e[self.measured.own(j)];
             let variance = noise.variance + block.leftover.0 + noise.scatter * block.leftover.1;
             let factor = 1.0 / (variance * (1.0 - phi * phi));
             let last = e.len() - 1;
