@@ -44,10 +44,11 @@ fn misfits(folder: &Folder) {
 
 /// Take the rows of a sample out of a table.
 fn without(folder: &Folder, table: &str, sample: &str) {
-    let kept: String =
-        folder.read(table).lines().filter(|line| !line.starts_with(sample)).fold(String::new(), |text, line| {
-            text + line + "\n"
-        });
+    let kept: String = folder
+        .read(table)
+        .lines()
+        .filter(|line| !line.starts_with(sample))
+        .fold(String::new(), |text, line| text + line + "\n");
     folder.write(table, kept);
 }
 
@@ -61,7 +62,9 @@ fn misfits_of_two_tests_weigh_as_those_of_one_measurement() {
          --history history.txt",
     );
     assert!(!said.contains("failed in the test"), "{said}");
-    for (whole, sum) in folder.column("whole.txt", "weight").iter().zip(folder.column("weights.txt", "weight")) {
+    for (whole, sum) in
+        folder.column("whole.txt", "weight").iter().zip(folder.column("weights.txt", "weight"))
+    {
         assert!((whole - sum).abs() < 1e-9, "{whole} {sum}");
     }
     let noise = |summary: &str| folder.quantity(summary, "best_misfit_over_noise");
@@ -121,7 +124,9 @@ fn draws_from_two_tests_are_those_from_one_measurement() {
     assert!(folder.quantity("summary.txt", "chi_square_degrees") < 20.0);
     // A noise that is estimated, the sizes of the tests apart.
     let tests = "--test one:one.txt:x:y --test two:two.txt:u:f";
-    folder.run(&format!("gl-posterior -p params.txt -s samples.txt {tests} --weights one.y=1,two.f=2 {RUNS} -o d.txt"));
+    folder.run(&format!(
+        "gl-posterior -p params.txt -s samples.txt {tests} --weights one.y=1,two.f=2 {RUNS} -o d.txt"
+    ));
 }
 
 #[test]

@@ -19,13 +19,7 @@ pub struct Measured {
     #[arg(short, long, value_name = "NAME", required_unless_present = "test")]
     control: Option<String>,
     /// Columns of the observables
-    #[arg(
-        short = 'v',
-        long,
-        value_name = "NAME,…",
-        value_delimiter = ',',
-        required_unless_present = "test"
-    )]
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required_unless_present = "test")]
     observables: Vec<String>,
     /// Standard deviation of each observable's noise; by default the _sd columns, else estimated with the fit
     #[arg(long, value_name = "NAME=SD,…")]
@@ -174,9 +168,9 @@ impl Measurement {
 /// # Errors
 /// If there is no comma.
 pub fn ensembles_and_weights(text: &str) -> Result<(Vec<PathBuf>, PathBuf)> {
-    let (ensembles, weights) = text
-        .rsplit_once(',')
-        .with_context(|| format!("{text:?} is not ENSEMBLE,WEIGHTS, or NAME=ENSEMBLE,…,WEIGHTS with --test"))?;
+    let (ensembles, weights) = text.rsplit_once(',').with_context(|| {
+        format!("{text:?} is not ENSEMBLE,WEIGHTS, or NAME=ENSEMBLE,…,WEIGHTS with --test")
+    })?;
     let is_of_test = |part: &str| part.parse::<OfTest>().is_ok();
     // A file may have a comma in its name; tests have one a table.
     let ensembles = if ensembles.split(',').all(is_of_test) {

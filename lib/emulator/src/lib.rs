@@ -16,6 +16,7 @@ mod kernel;
 mod minimise;
 mod points;
 pub mod posterior;
+pub mod sensitivity;
 pub mod table;
 #[cfg(test)]
 mod tests;

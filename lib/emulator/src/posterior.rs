@@ -410,7 +410,11 @@ impl Sampler<'_> {
         let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
         let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
         let is_fewer = |(j, seen): (usize, f64)| seen < self.measured.own(j).len() as f64;
-        by_likelihood.into_iter().zip(seen.into_iter().enumerate().map(is_fewer)).map(|(a, b)| a && b).collect()
+        by_likelihood
+            .into_iter()
+            .zip(seen.into_iter().enumerate().map(is_fewer))
+            .map(|(a, b)| a && b)
+            .collect()
     }
 
     fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
@@ -536,7 +540,8 @@ fn finish(
     let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
     let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
     let error = |residual: &Vec<f64>| {
-        let shares = residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[measured.observable_of(o)]);
+        let shares =
+            residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[measured.observable_of(o)]);
         shares.sum::<f64>() / residual.len() as f64
     };
     let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);

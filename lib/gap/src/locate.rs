@@ -81,7 +81,8 @@ pub fn locate(
     noise_sd: Option<&[Vec<f64>]>,
     seed: u64,
 ) -> Result<Vec<Stretch>> {
-    let mut stretches = stretches(observations, ensemble, weights, parameters, noise_sd, (FALSE_ALARMS, seed))?;
+    let mut stretches =
+        stretches(observations, ensemble, weights, parameters, noise_sd, (FALSE_ALARMS, seed))?;
     share_out(stretches.iter_mut());
     Ok(stretches)
 }
@@ -142,7 +143,8 @@ fn stretches(
             .map(|(sd, rest)| sd.iter().zip(rest).map(|(sd, r)| sd.hypot(r.sqrt())).collect())
             .collect()
     });
-    let problem = Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()), alarms };
+    let problem =
+        Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()), alarms };
     problem.solve(&gap, seed)
 }
 
@@ -342,7 +344,8 @@ pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit) 
         share: f64,
     }
     let mut places: Vec<Found> = Vec::new();
-    let all = tests.iter().enumerate().flat_map(|(test, (.., stretches))| stretches.iter().map(move |s| (test, s)));
+    let all =
+        tests.iter().enumerate().flat_map(|(test, (.., stretches))| stretches.iter().map(move |s| (test, s)));
     for (test, stretch) in all.filter(|(_, stretch)| stretch.significant) {
         match places.last_mut() {
             Some(last)

@@ -85,9 +85,8 @@ impl Observations {
 
     /// The measurement at the steps of a range.
     pub fn part(&self, steps: std::ops::Range<usize>) -> Self {
-        let cut = |values: &Vec<f64>| {
-            values[steps.start.min(values.len())..steps.end.min(values.len())].to_vec()
-        };
+        let cut =
+            |values: &Vec<f64>| values[steps.start.min(values.len())..steps.end.min(values.len())].to_vec();
         Self {
             control: cut(&self.control),
             values: self.values.iter().map(cut).collect(),

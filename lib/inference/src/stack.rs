@@ -90,10 +90,10 @@ impl FromStr for OfTest {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let (test, path) = text
-            .split_once('=')
-            .filter(|(test, _)| is_test_name(test))
-            .with_context(|| format!("{text:?} is not TEST=FILE; with --test each table says of which test it is"))?;
+        let (test, path) =
+            text.split_once('=').filter(|(test, _)| is_test_name(test)).with_context(|| {
+                format!("{text:?} is not TEST=FILE; with --test each table says of which test it is")
+            })?;
         Ok(Self { test: test.to_owned(), path: path.into() })
     }
 }
@@ -159,9 +159,9 @@ impl Stack {
         let sources: Vec<&str> = tests.iter().map(|test| test.observations.source.as_str()).collect();
         let parts: Vec<Observations> =
             tests.iter().map(|test| test.observations.part(test.steps.clone())).collect();
-        let names = tests.iter().flat_map(|test| {
-            test.observations.names.iter().map(move |name| format!("{}.{name}", test.name))
-        });
+        let names = tests
+            .iter()
+            .flat_map(|test| test.observations.names.iter().map(move |name| format!("{}.{name}", test.name)));
         let observations = Observations {
             source: sources.join(" and "),
             control_name: "step".to_owned(),
@@ -307,7 +307,8 @@ mod tests {
         let (runs, incomplete) = stack.ensemble(&[tx, repose]).unwrap();
         assert_eq!(runs.samples, ["a"]);
         assert_eq!(runs.curves(0), [vec![1.0, 2.0, 3.0], vec![5.0, 6.0, 7.0], vec![29.0]]);
-        let lacks = |test: &str, sample: &str| Incomplete { test: test.to_owned(), samples: names(&[sample]) };
+        let lacks =
+            |test: &str, sample: &str| Incomplete { test: test.to_owned(), samples: names(&[sample]) };
         assert_eq!(incomplete, [lacks("tx", "c"), lacks("repose", "b")]);
         runs.check_steps(&stack.observations).unwrap();
         assert_eq!(runs.part(&[0], 0..2).curves(0), [vec![1.0, 2.0], vec![5.0, 6.0], vec![29.0]]);
@@ -320,7 +321,9 @@ mod tests {
         assert_eq!((test.noise.get("e_v"), test.steps), (Some(3e-4), Steps { from: 0, to: 40 }));
         let test: TestTables = "o:o.txt:e:s".parse().unwrap();
         assert!(test.noise.is_empty() && test.steps == Steps::ALL);
-        for wrong in ["tx100:tx100.txt:e_a", "t x:o.txt:e:s", ":o.txt:e:s", "o::e:s", "o:o.txt:e:,", "o:o:e:s:x"] {
+        for wrong in
+            ["tx100:tx100.txt:e_a", "t x:o.txt:e:s", ":o.txt:e:s", "o::e:s", "o:o.txt:e:,", "o:o:e:s:x"]
+        {
             assert!(wrong.parse::<TestTables>().is_err(), "{wrong}");
         }
     }

@@ -131,13 +131,7 @@ impl Fit {
         Ok(vec![Part { name: String::new(), first: 0, observations, noise, ensemble }])
     }
 
-    fn figure(
-        &self,
-        style: &Style,
-        curves: &[Curves],
-        best: &[&str],
-        weighted: bool,
-    ) -> Scene {
+    fn figure(&self, style: &Style, curves: &[Curves], best: &[&str], weighted: bool) -> Scene {
         let names: Vec<&str> = curves.iter().map(|curves| curves.name.as_str()).collect();
         let mut controls: Vec<&str> = curves.iter().map(|curves| curves.control_name).collect();
         controls.dedup();

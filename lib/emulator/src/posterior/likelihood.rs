@@ -303,8 +303,8 @@ impl<'a> Likelihood<'a> {
                     block.beside.add_product((next, *f), (row, *e));
                 }
             }
-            let leftover = outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>()
-                / block.steps;
+            let leftover =
+                outputs.map(|o| emulator.leftover()[o] / measured.base[o].powi(2)).sum::<f64>() / block.steps;
             if is_warped {
                 block.patterns = rows.into_iter().map(|(pattern, _)| pattern).collect();
             }
