@@ -176,3 +176,132 @@ fn a_gap_in_one_test_is_located_there_and_drawn() {
     let picture = folder.read("fit.svg");
     assert!(picture.contains("one.y against x") && picture.contains("two.f against u"));
 }
+
+/// A case of two tests of y = a x + b + shift, each with a shift that is known of it; the second is shorter, and its runs
+/// fail where a is large.
+fn case_of_two_tests() -> Folder {
+    let folder = Folder::default();
+    folder.write("case/params.txt", "name lower upper\na 0 1\nb 0 10\n");
+    folder.write(
+        "case/case.toml",
+        "name = \"two\"\ncontrol = \"x\"\nobservables = [\"y\"]\nnoise = { y = 0.3 }\niterations = 2\n\n[model]\n\
+         local = \"awk -f {case}/line.awk -v a={a} -v b={b} -v shift={shift} -v most=2 -v n=20 -v name={description}\"\n\n\
+         [[test]]\nname = \"one\"\nobs = \"one.txt\"\ngiven = { shift = 1 }\n\n\
+         [[test]]\nname = \"two\"\nobs = \"two.txt\"\nobservables = [\"f=y\"]\nnoise = { f = 0.2 }\ngiven = { shift = -2 }\n\
+         model = { local = \"awk -f {case}/line.awk -v a={a} -v b={b} -v shift={shift} -v most=0.9 -v n=8 -v name={description}\" }\n",
+    );
+    folder.write(
+        "case/line.awk",
+        "BEGIN { if (a > most) exit 1; CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
+         for (x = 0; x < n; x++) print x \"\\t\" a * x + b + shift > file }\n",
+    );
+    let (mut one, mut two) = ("x y\n".to_owned(), "x f\n".to_owned());
+    for x in 0..20 {
+        let (y, noise) = (0.5 * f64::from(x) + 4.0, (12.9898 * f64::from(x * x + 3)).sin());
+        writeln!(one, "{x} {}", y + 1.0 + 0.4 * noise).unwrap();
+        if x < 8 {
+            writeln!(two, "{x} {}", y - 2.0 + 0.25 * (5.1 * noise).sin()).unwrap();
+        }
+    }
+    folder.write("case/one.txt", one).write("case/two.txt", two);
+    folder
+}
+
+#[test]
+fn a_case_of_two_tests_runs_each_sample_in_both_and_calibrates_on_both() {
+    let folder = case_of_two_tests();
+    let said = folder.run("gl-check case");
+    assert!(
+        said.contains("20 readings of y on x in one") && said.contains("8 readings of f on x in two"),
+        "{said}"
+    );
+    assert!(said.contains("each in 2 tests"), "{said}");
+    folder.run("gl-calibrate case --out out");
+    for test in ["one", "two"] {
+        let given = folder.column(&format!("out/iter0/{test}/samples.txt"), "shift");
+        let shift = if test == "one" { 1.0 } else { -2.0 };
+        assert!(given.iter().all(|value| *value == shift));
+        assert!(folder.path(&format!("out/ensemble-{test}.txt")).is_file());
+    }
+    // Those with a > 0.9 failed in the second test alone.
+    let failed = |test: &str| {
+        folder.texts(&format!("out/iter0/{test}/status.txt"), "status").iter().filter(|s| *s != "ok").count()
+    };
+    let large = folder.column("out/iter0/samples.txt", "a").iter().filter(|a| **a > 0.9).count();
+    assert!(large > 0);
+    assert_eq!((failed("one"), failed("two")), (0, large));
+    assert!(folder.read("out/iter0/emulator.log").contains("failed in the test two: left out"));
+    for (name, truth) in [("a", 0.5), ("b", 4.0)] {
+        let [mean, sd] =
+            ["mean", "sd"].map(|of| folder.quantity("out/posterior.txt", &format!("{of}({name})")));
+        assert!((mean - truth).abs() < 4.0 * sd && sd < 0.2, "{name} {mean} {sd}");
+    }
+    folder.run("gl-report case -o out");
+    let page = folder.read("out/report.html");
+    assert!(page.contains("2 tests of the same samples") && page.contains("two.f against x"));
+    assert!(page.contains("shift = -2"));
+}
+
+#[test]
+fn a_calibration_of_tests_that_is_called_again_does_nothing_and_one_by_weights_adds_misfits() {
+    let folder = case_of_two_tests();
+    folder.run("gl-calibrate case --out out");
+    let [calls, posterior] = ["out/commands.log", "out/posterior.txt"].map(|file| folder.read(file));
+    folder.run("gl-calibrate case --out out");
+    let again: Vec<String> =
+        folder.read("out/commands.log")[calls.len()..].lines().map(str::to_owned).collect();
+    assert!(again.iter().all(|call| call.starts_with("gl-check-stop")), "{again:?}");
+    assert_eq!(folder.read("out/posterior.txt"), posterior);
+    for setting in ["posterior=weights", "posterior=runs"] {
+        folder.run(&format!("gl-calibrate case --out {setting} {setting} num=30"));
+        let calls = folder.read(&format!("{setting}/commands.log"));
+        assert!(
+            calls.contains(&format!("{setting}/iter1/one/misfit.txt {setting}/iter0/two/misfit.txt")),
+            "{calls}"
+        );
+        let [mean, sd] =
+            ["mean(a)", "sd(a)"].map(|of| folder.quantity(&format!("{setting}/posterior.txt"), of));
+        assert!((mean - 0.5).abs() < 4.0 * sd && sd < 0.2, "{setting} {mean} {sd}");
+    }
+}
+
+#[test]
+fn one_iteration_takes_the_runs_of_each_test_from_a_folder_of_its_name() {
+    let folder = case_of_two_tests();
+    folder.run("gl-calibrate case --out out --iterations 1");
+    for test in ["one", "two"] {
+        folder.link(&folder.path(&format!("out/iter0/{test}/runs")), test);
+    }
+    let output = folder.call("gl-iterate case out/iter0/samples.txt . --out by-hand", "");
+    assert!(output.status.code().unwrap() < 2, "{output:?}");
+    assert_eq!(
+        folder.column("by-hand/iter0/posterior-weights.txt", "a").len(),
+        folder.column("out/iter0/posterior-weights.txt", "a").len()
+    );
+}
+
+#[test]
+fn a_case_of_tests_is_refused_where_it_makes_no_sense() {
+    let folder = case_of_two_tests();
+    let whole = folder.read("case/case.toml");
+    let diagnosis = "case.toml:10: a diagnosis takes one measurement";
+    folder.refuses("gl-diagnose case --out dx", &[diagnosis]);
+    folder.refuses("gl-check case noise=y=1", &["noise=y=1: with [[test]] each test has its own"]);
+    folder.refuses("gl-check case test=one", &["test belongs to the case"]);
+    for (what, with, says) in [
+        ("name = \"one\"", "name = \"two\"", "duplicate test two"),
+        ("name = \"one\"", "name = \"a b\"", "is no name of a test"),
+        ("name = \"one\"", "nmae = \"one\"", "case.toml:11: test.nmae: did you mean name?"),
+        ("given = { shift = 1 }", "given = { a = 1 }", "a is a parameter"),
+        ("given = { shift = 1 }", "", "{shift} is no column"),
+        ("noise = { f = 0.2 }", "noise = { y = 0.2 }", "case.toml:19: noise: no observable y"),
+        ("obs = \"one.txt\"", "", "the test one has no table of its measurement"),
+        ("obs = \"one.txt\"", "obs = \"none.txt\"", "none.txt"),
+    ] {
+        folder.write("case/case.toml", whole.replacen(what, with, 1));
+        folder.refuses("gl-check case", &[says]);
+    }
+    let unknown = whole.replacen("noise = { y = 0.3 }\n", "", 1);
+    folder.write("case/case.toml", unknown);
+    folder.refuses("gl-check case", &["the noise of the test two is known and that of one is not"]);
+}

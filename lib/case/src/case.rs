@@ -9,8 +9,8 @@ use toml::de::DeTable;
 use crate::cluster::Cluster;
 use crate::engine::Engine;
 use crate::fields::fields_of;
-use crate::file::{File, TestEntry};
 pub use crate::file::Tolerances;
+use crate::file::{File, TestEntry};
 use crate::model::Model;
 use crate::overrides::Override;
 use crate::places::{Places, place, suggestion};
@@ -201,7 +201,8 @@ impl Case {
         for text in given {
             let Override { path, value } = Override::parse(text.as_ref())?;
             ensure!(
-                !table.contains_key("test") || !["noise", "weights", "steps"].contains(&path.split('.').next().unwrap_or("")),
+                !table.contains_key("test")
+                    || !["noise", "weights", "steps"].contains(&path.split('.').next().unwrap_or("")),
                 "{}: with [[test]] each test has its own; change it in {source}",
                 text.as_ref()
             );
@@ -311,7 +312,8 @@ impl Case {
     /// The first of embedded, local and yade-batch that all tests have a model for.
     fn default_engine(&self) -> Option<Engine> {
         let has = |engine: &Engine| {
-            let own = |test: &Test| test.model.contains_key(engine) || self.model.by_engine.contains_key(engine);
+            let own =
+                |test: &Test| test.model.contains_key(engine) || self.model.by_engine.contains_key(engine);
             self.tests.iter().all(own)
         };
         Engine::ALL.into_iter().find(|engine| has(engine) && !engine.is_queue())
@@ -350,12 +352,19 @@ fn tests(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Ve
     let Some(entries) = &file.test else {
         return Ok(vec![test(folder, source, file, &TestEntry::default(), ("", places))?]);
     };
-    ensure!(!entries.is_empty(), "{}: test: there is none; leave it out, or write [[test]]", places.of_setting("test"));
+    ensure!(
+        !entries.is_empty(),
+        "{}: test: there is none; leave it out, or write [[test]]",
+        places.of_setting("test")
+    );
     let mut tests: Vec<Test> = Vec::with_capacity(entries.len());
     for (i, entry) in entries.iter().enumerate() {
         let at = format!("test.{i}");
         let place = |key: &str| places.of_setting(&format!("{at}.{key}"));
-        let name = entry.name.as_deref().with_context(|| format!("{}: test: no name; such as tx100", place("name")))?;
+        let name = entry
+            .name
+            .as_deref()
+            .with_context(|| format!("{}: test: no name; such as tx100", place("name")))?;
         ensure!(
             is_test_name(name),
             "{}: name: {name:?} is no name of a test; give up to 60 letters, digits, _ and -, such as tx100",
@@ -363,7 +372,11 @@ fn tests(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Ve
         );
         ensure!(name != "runs", "{}: name: runs is the folder of the runs; take another", place("name"));
         ensure!(tests.iter().all(|test| test.name != name), "{}: name: duplicate test {name}", place("name"));
-        ensure!(entry.obs.is_some(), "{}: obs: the test {name} has no table of its measurement", place("obs"));
+        ensure!(
+            entry.obs.is_some(),
+            "{}: obs: the test {name} has no table of its measurement",
+            place("obs")
+        );
         tests.push(test(folder, source, file, entry, (&format!("{at}."), places))?);
     }
     Ok(tests)

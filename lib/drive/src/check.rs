@@ -153,7 +153,10 @@ fn check_noises(case: &Case, observations: &[Observations]) -> Result<()> {
         match first {
             Some((other, name)) if other != is_known => {
                 let (known, not) = if other { (name, test.name.as_str()) } else { (&*test.name, name) };
-                bail!("{}: the noise of the test {known} is known and that of {not} is not; give it for each, or for none", case.places.of_setting("test"));
+                bail!(
+                    "{}: the noise of the test {known} is known and that of {not} is not; give it for each, or for none",
+                    case.places.of_setting("test")
+                );
             }
             _ => first = Some((is_known, &test.name)),
         }
@@ -185,10 +188,17 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
         for (name, _) in &test.given {
             let at = case.places.of_setting(&format!("test.{i}.given.{name}"));
             check_parameter_name(name).map_err(|problem| anyhow!("{at}: given: {problem}"))?;
-            ensure!(!parameters.contains(name), "{at}: given: {name} is a parameter, which is not known beforehand");
+            ensure!(
+                !parameters.contains(name),
+                "{at}: given: {name} is a parameter, which is not known beforehand"
+            );
         }
         if !test.name.is_empty() && test.obs.to_string_lossy().contains(':') {
-            bail!("{}: {}: a colon in the path of a test; call the folder otherwise", case.places.of_setting(&format!("test.{i}.obs")), test.obs.display());
+            bail!(
+                "{}: {}: a colon in the path of a test; call the folder otherwise",
+                case.places.of_setting(&format!("test.{i}.obs")),
+                test.obs.display()
+            );
         }
         axes.extend([test.control.measured.clone()]);
         axes.extend(test.observable_names());

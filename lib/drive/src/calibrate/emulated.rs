@@ -67,8 +67,10 @@ impl Emulation<'_> {
         for round in 1..=ROUNDS {
             let samples = self.part.join(format!("samples{round}.txt"));
             let proposal = self.part.join(format!("proposal{round}.txt"));
-            let of_round: Vec<PathBuf> =
-                tests.iter().map(|test| self.part.join(of_test_or_none("misfit", test, &round.to_string()))).collect();
+            let of_round: Vec<PathBuf> = tests
+                .iter()
+                .map(|test| self.part.join(of_test_or_none("misfit", test, &round.to_string())))
+                .collect();
             if !self.emulate(round, &weights, (&samples, &proposal), (&of_round, noise))? {
                 return Ok((own, "no emulator, so the runs keep their weights".to_owned()));
             }
@@ -76,8 +78,9 @@ impl Emulation<'_> {
             misfits.push(of_round);
             weights = self.part.join(format!("weights{round}.txt"));
             // Test by test, each with all rounds.
-            let by_test: Vec<PathBuf> =
-                (0..tests.len()).flat_map(|t| misfits.iter().map(move |of: &Vec<PathBuf>| of[t].clone())).collect();
+            let by_test: Vec<PathBuf> = (0..tests.len())
+                .flat_map(|t| misfits.iter().map(move |of: &Vec<PathBuf>| of[t].clone()))
+                .collect();
             summary = self.weigh(&drawn, &by_test, wanted, &weights)?;
             // At the lowest sigma that the emulator allows, more are effective than were asked for.
             if known(summary.ess_runs) > 1.001 * wanted as f64 {
@@ -193,7 +196,11 @@ impl Emulation<'_> {
 
 /// The name of a table, with that of its test where it has one.
 fn of_test_or_none(table: &str, test: &Test, number: &str) -> String {
-    if test.name.is_empty() { format!("{table}{number}.txt") } else { format!("{table}{number}-{}.txt", test.name) }
+    if test.name.is_empty() {
+        format!("{table}{number}.txt")
+    } else {
+        format!("{table}{number}-{}.txt", test.name)
+    }
 }
 
 fn remove(folder: &Path) -> Result<()> {
