@@ -305,3 +305,35 @@ fn a_case_of_tests_is_refused_where_it_makes_no_sense() {
     folder.write("case/case.toml", unknown);
     folder.refuses("gl-check case", &["the noise of the test two is known and that of one is not"]);
 }
+
+#[test]
+fn a_gap_that_closes_in_two_tests_is_measured_in_each_and_in_both() {
+    let folder = two_tests(12);
+    // Before, the run is flat; after, it is the line but for a rest.
+    for (test, control, column) in [("one", "x", "y"), ("two", "u", "f")] {
+        let head = format!("sample step {control} {column}\n");
+        let (mut before, mut after) = (head.clone(), head);
+        for (step, x) in folder.column(&format!("{test}.txt"), control).iter().enumerate() {
+            writeln!(before, "a {step} {x} 8").unwrap();
+            writeln!(after, "a {step} {x} {}", 0.5 * x + 4.0 + 0.3 * (2.0 * x).sin()).unwrap();
+        }
+        folder.write(&format!("{test}-before.txt"), before).write(&format!("{test}-after.txt"), after);
+    }
+    folder.write("weights.txt", "sample weight\na 1\n");
+    folder.run(&format!(
+        "gl-gap-shrink {TESTS} --before one=one-before.txt,two=two-before.txt,weights.txt \
+         --after one=one-after.txt,two=two-after.txt,weights.txt -o shrink.txt --verdict verdict.txt"
+    ));
+    assert_eq!(folder.texts("shrink.txt", "observable"), ["one.y", "two.f", "all"]);
+    let [both, low] = ["gap_before", "shrink_low"].map(|name| folder.column("shrink.txt", name));
+    let square = 0.5 * (both[0].powi(2) + both[1].powi(2));
+    assert!((both[2].powi(2) - square).abs() < 1e-12);
+    assert!(low[2] > 0.8, "{low:?}");
+    folder.run(
+        "gl-gap-shrink -b one.txt -c x -v y --noise y=0.3 --before one-before.txt,weights.txt \
+         --after one-after.txt,weights.txt -o alone.txt",
+    );
+    for name in ["gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"] {
+        assert_eq!(folder.column("alone.txt", name)[0], folder.column("shrink.txt", name)[0], "{name}");
+    }
+}
