@@ -173,7 +173,7 @@ impl<'a> Iteration<'a> {
         }
         let mut samples = Samples::read(&all)?;
         // A simulator that takes the whole table has it in its command.
-        if !self.setting.runs.is_some_and(|(engine, _)| engine == Engine::Embedded) {
+        if self.setting.runs.is_none_or(|(engine, _)| engine != Engine::Embedded) {
             samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
             let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
             samples.values.iter_mut().for_each(|row| row.extend(&values));
