@@ -1,14 +1,16 @@
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
+use gl_inference::stack::is_test_name;
 use toml::de::DeTable;
 
 use crate::cluster::Cluster;
 use crate::engine::Engine;
 use crate::fields::fields_of;
-use crate::file::File;
 pub use crate::file::Tolerances;
+use crate::file::{File, TestEntry};
 use crate::model::Model;
 use crate::overrides::Override;
 use crate::places::{Places, place, suggestion};
@@ -51,6 +53,12 @@ impl FromStr for Column {
 /// One test: what was measured, and how runs are compared with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Test {
+    /// Its name; empty in a case of one measurement, `obs.txt`.
+    pub name: String,
+    /// What is known of this test, by name: columns of its table of samples, and `{NAME}` in the model.
+    pub given: Vec<(String, f64)>,
+    /// Its own model, by engine.
+    pub model: BTreeMap<Engine, String>,
     /// The table of the measurement.
     pub obs: PathBuf,
     /// What the experiment imposes.
@@ -71,6 +79,11 @@ impl Test {
     /// Names of the observables in the measurement.
     pub fn observable_names(&self) -> Vec<String> {
         self.observables.iter().map(|column| column.measured.clone()).collect()
+    }
+
+    /// What an observable is called beside those of other tests: `test.observable`.
+    pub fn named(&self, observable: &str) -> String {
+        if self.name.is_empty() { observable.to_owned() } else { format!("{}.{observable}", self.name) }
     }
 }
 
@@ -94,7 +107,7 @@ pub struct Case {
     pub name: String,
     /// Its table of parameters, from the folder.
     pub params: String,
-    /// What was measured; one test at present.
+    /// What was measured: one test, or several of the same samples.
     pub tests: Vec<Test>,
     /// Units of columns and parameters, for axes.
     pub units: Vec<(String, String)>,
@@ -189,6 +202,12 @@ impl Case {
         let mut command = None;
         for text in given {
             let Override { path, value } = Override::parse(text.as_ref())?;
+            ensure!(
+                !table.contains_key("test")
+                    || !["noise", "weights", "steps"].contains(&path.split('.').next().unwrap_or("")),
+                "{}: with [[test]] each test has its own; change it in {source}",
+                text.as_ref()
+            );
             places.replace(&path, text.as_ref());
             match path.as_str() {
                 "model" => command = value.as_str().map(str::to_owned),
@@ -206,7 +225,7 @@ impl Case {
         command: Option<String>,
         places: Places,
     ) -> Result<Self> {
-        let test = test(folder, source, &file, &places)?;
+        let tests = tests(folder, source, &file, &places)?;
         let name =
             file.name.with_context(|| lacks(source, "name", "the first part of the names of the runs"))?;
         let emulated = file.emulated.unwrap_or(EMULATED);
@@ -220,7 +239,7 @@ impl Case {
             folder: folder.to_owned(),
             name,
             params: file.params.unwrap_or_else(|| "params.txt".to_owned()),
-            tests: vec![test],
+            tests,
             units: file.units.unwrap_or_default(),
             truth: file.truth.unwrap_or_default(),
             num: file.num.map(usize::from),
@@ -268,12 +287,13 @@ impl Case {
     /// If the case has no model for it.
     pub fn engine(&self, asked: Option<Engine>) -> Result<(Engine, &str)> {
         let place = self.places.of_setting("model");
-        let first = asked.or_else(|| self.model.default_engine());
+        let first = asked.or_else(|| self.default_engine());
         let first = first.or(self.model.given.is_some().then_some(Engine::Local));
         let Some(engine) = first else {
             bail!("{place}: no model; give one by engine under [model], such as local = \"COMMAND\"")
         };
-        let Some(model) = self.model.of(engine) else {
+        let of_test = self.tests[0].model.get(&engine).map(String::as_str);
+        let Some(model) = of_test.or_else(|| self.model.of(engine)) else {
             let has: Vec<&str> = self.model.by_engine.keys().map(|engine| engine.name()).collect();
             bail!(
                 "{place}: no model for the engine {engine}; {}",
@@ -286,58 +306,148 @@ impl Case {
         };
         Ok((engine, model))
     }
+
+    /// Whether there are several tests, or one that has a name.
+    pub fn has_tests(&self) -> bool {
+        !self.tests[0].name.is_empty()
+    }
+
+    /// The first of embedded, local and yade-batch that all tests have a model for.
+    fn default_engine(&self) -> Option<Engine> {
+        let has = |engine: &Engine| {
+            let own =
+                |test: &Test| test.model.contains_key(engine) || self.model.by_engine.contains_key(engine);
+            self.tests.iter().all(own)
+        };
+        Engine::ALL.into_iter().find(|engine| has(engine) && !engine.is_queue())
+    }
+
+    /// What an engine runs for a test. A simulator that takes a whole table gets what is given of the test in the
+    /// place of `{NAME}`; for others it is a column of the table.
+    ///
+    /// # Errors
+    /// If the test has no model for it.
+    pub fn model_of(&self, test: &Test, engine: Engine) -> Result<String> {
+        let own = Model { by_engine: test.model.clone(), given: self.model.given.clone() };
+        let Some(model) = own.of(engine).or_else(|| self.model.of(engine)) else {
+            bail!(
+                "{}: the test {} has no model for the engine {engine}; give one under [model], or as model of the test",
+                self.places.of_setting("model"),
+                test.name
+            )
+        };
+        let mut model = model.to_owned();
+        if engine == Engine::Embedded {
+            for (name, value) in &test.given {
+                model = model.replace(&format!("{{{name}}}"), &format!("{value:?}"));
+            }
+        }
+        Ok(model)
+    }
 }
 
 fn lacks(source: &str, key: &str, what: &str) -> String {
     format!("{source}: no {key}, {what}")
 }
 
-fn test(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Test> {
+/// The tests of a case: those under `[[test]]`, or the one that the case itself is.
+fn tests(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Vec<Test>> {
+    let Some(entries) = &file.test else {
+        return Ok(vec![test(folder, source, file, &TestEntry::default(), ("", places))?]);
+    };
+    ensure!(
+        !entries.is_empty(),
+        "{}: test: there is none; leave it out, or write [[test]]",
+        places.of_setting("test")
+    );
+    let mut tests: Vec<Test> = Vec::with_capacity(entries.len());
+    for (i, entry) in entries.iter().enumerate() {
+        let at = format!("test.{i}");
+        let place = |key: &str| places.of_setting(&format!("{at}.{key}"));
+        let name = entry
+            .name
+            .as_deref()
+            .with_context(|| format!("{}: test: no name; such as tx100", place("name")))?;
+        ensure!(
+            is_test_name(name),
+            "{}: name: {name:?} is no name of a test; give up to 60 letters, digits, _ and -, such as tx100",
+            place("name")
+        );
+        ensure!(name != "runs", "{}: name: runs is the folder of the runs; take another", place("name"));
+        ensure!(tests.iter().all(|test| test.name != name), "{}: name: duplicate test {name}", place("name"));
+        ensure!(
+            entry.obs.is_some(),
+            "{}: obs: the test {name} has no table of its measurement",
+            place("obs")
+        );
+        tests.push(test(folder, source, file, entry, (&format!("{at}."), places))?);
+    }
+    Ok(tests)
+}
+
+/// One test; `prefix` is that of its settings among the places.
+fn test(
+    folder: &Path,
+    source: &str,
+    file: &File,
+    entry: &TestEntry,
+    (prefix, places): (&str, &Places),
+) -> Result<Test> {
+    let at = |own: bool, key: &str| if own { format!("{prefix}{key}") } else { key.to_owned() };
     let column = |path: &str, text: &str| {
         text.parse::<Column>().with_context(|| format!("{}: {path}", places.of_setting(path)))
     };
-    let control = file
+    let control = entry
         .control
         .as_deref()
+        .or(file.control.as_deref())
         .with_context(|| lacks(source, "control", "the column that the experiment imposes"))?;
-    let control = column("control", control)?;
-    let names = file.observables.as_deref().unwrap_or_default();
+    let control = column(&at(entry.control.is_some(), "control"), control)?;
+    let names = entry.observables.as_deref().or(file.observables.as_deref()).unwrap_or_default();
     ensure!(!names.is_empty(), lacks(source, "observables", "the columns to compare"));
-    let place = |i: usize| format!("observables.{i}");
+    let place = |i: usize| at(entry.observables.is_some(), &format!("observables.{i}"));
     let observables = names.iter().enumerate().map(|(i, name)| column(&place(i), name));
     let observables = observables.collect::<Result<Vec<Column>>>()?;
     for (i, observable) in observables.iter().enumerate() {
         let name = &observable.measured;
-        let at = places.of_setting(&format!("observables.{i}"));
+        let at = places.of_setting(&place(i));
         ensure!(*name != control.measured, "{at}: {name} is the control; an observable is another column");
         ensure!(
             observables[..i].iter().all(|other| other.measured != *name),
             "{at}: duplicate observable {name}"
         );
     }
+    let by_name = |own: &Option<Vec<(String, f64)>>, of_case: &Option<Vec<(String, f64)>>| {
+        own.as_ref().or(of_case.as_ref()).cloned().unwrap_or_default()
+    };
     let test = Test {
-        obs: folder.join("obs.txt"),
+        name: entry.name.clone().unwrap_or_default(),
+        given: entry.given.clone().unwrap_or_default(),
+        model: entry.model.clone(),
+        obs: folder.join(entry.obs.as_deref().unwrap_or("obs.txt")),
         control,
         observables,
-        noise: file.noise.clone().unwrap_or_default(),
-        weights: file.weights.clone().unwrap_or_default(),
+        noise: by_name(&entry.noise, &file.noise),
+        weights: by_name(&entry.weights, &file.weights),
         scale: file.scale.clone(),
-        steps: file.steps.clone(),
+        steps: entry.steps.clone().or_else(|| file.steps.clone()),
     };
     let known = test.observable_names();
-    for (key, rows) in [("noise", &test.noise), ("weights", &test.weights)] {
+    for (key, rows, own) in
+        [("noise", &test.noise, entry.noise.is_some()), ("weights", &test.weights, entry.weights.is_some())]
+    {
         for (name, _) in rows {
             ensure!(
                 known.contains(name),
                 "{}: {key}: no observable {name}; {}",
-                places.of_setting(&format!("{key}.{name}")),
+                places.of_setting(&at(own, &format!("{key}.{name}"))),
                 suggestion(name, &known, "they are")
             );
         }
         ensure!(
             rows.is_empty() || rows.len() == known.len(),
             "{}: {key}: give it for each of {}, or for none",
-            places.of_setting(key),
+            places.of_setting(&at(own, key)),
             known.join(", ")
         );
     }
@@ -357,6 +467,14 @@ fn check_names(source: &str, text: &str, table: &DeTable<'_>) -> Result<()> {
             && !known.is_empty()
         {
             check_keys(source, text, section, &known, &format!("{name}."))?;
+        }
+    }
+    let tests = table.get("test").and_then(|value| value.get_ref().as_array());
+    for test in tests.into_iter().flat_map(|tests| tests.iter()) {
+        let Some(test) = test.get_ref().as_table() else { continue };
+        check_keys(source, text, test, &fields_of::<TestEntry>(), "test.")?;
+        if let Some(model) = test.get("model").and_then(|value| value.get_ref().as_table()) {
+            check_keys(source, text, model, &Engine::ALL.map(Engine::name), "test.model.")?;
         }
     }
     Ok(())

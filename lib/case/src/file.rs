@@ -65,6 +65,26 @@ pub(crate) struct File {
     pub(crate) scatter: Option<f64>,
     pub(crate) model: BTreeMap<Engine, String>,
     pub(crate) cluster: Cluster,
+    pub(crate) test: Option<Vec<TestEntry>>,
+}
+
+/// What a `[[test]]` may hold; what it lacks of these is taken from the case itself.
+#[derive(Clone, Debug, Default, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct TestEntry {
+    pub(crate) name: Option<String>,
+    pub(crate) obs: Option<String>,
+    pub(crate) control: Option<String>,
+    pub(crate) observables: Option<Vec<String>>,
+    #[serde(deserialize_with = "positive_by_name")]
+    pub(crate) noise: Option<Vec<(String, f64)>>,
+    #[serde(deserialize_with = "positive_by_name")]
+    pub(crate) weights: Option<Vec<(String, f64)>>,
+    #[serde(deserialize_with = "steps")]
+    pub(crate) steps: Option<String>,
+    #[serde(deserialize_with = "numbers_by_name")]
+    pub(crate) given: Option<Vec<(String, f64)>>,
+    pub(crate) model: BTreeMap<Engine, String>,
 }
 
 /// Stop criteria beside the noise.

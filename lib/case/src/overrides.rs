@@ -23,7 +23,7 @@ const FORMER: [(&str, &str); 4] = [
 ];
 
 /// What names the runs and the columns is the case itself, and not a setting.
-const FIXED: [&str; 3] = ["name", "control", "observables"];
+const FIXED: [&str; 4] = ["name", "control", "observables", "test"];
 
 impl Override {
     /// From `KEY=VALUE`: the key in any case; the value as in `case.toml`, or in short: a list `a,b`, numbers by

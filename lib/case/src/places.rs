@@ -39,6 +39,9 @@ impl Places {
     ) {
         for (i, value) in values.enumerate() {
             self.by_path.insert(format!("{path}.{i}"), place(&self.source, text, value.span().start));
+            if let DeValue::Table(table) = value.get_ref() {
+                self.walk(&format!("{path}.{i}."), text, table);
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! What every tool does alike: its arguments, exit codes and the last message.
 
 mod line;
+pub mod measured;
 pub mod world;
 
 use std::env;

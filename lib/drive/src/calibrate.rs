@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl_case::Case;
 use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
@@ -61,7 +62,6 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
     let settings = request.keep(engine, &out)?;
     let setting = Setting {
         case: &case,
-        test: &case.tests[0],
         runs: Some((engine, model)),
         prior: &prior,
         settings: Some(settings),
@@ -90,7 +90,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         let call = Call::new("gl-check-stop").option("--max-iterations", Some(most));
         runner.ask(&call.option("--iteration", Some(last)).arg(folder.join("summary.txt")))?;
     }
-    finish(&out, last)?;
+    finish(&case, &out, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
 }
@@ -104,12 +104,19 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
 }
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
-fn finish(out: &Path, last: usize) -> Result<()> {
-    let ensembles: Vec<PathBuf> = (0..=last).map(|i| out.join(format!("iter{i}/ensemble.txt"))).collect();
-    let whole = out.join(".ensemble.txt");
-    join(&ensembles, &whole, None)?;
-    copy(&whole, &out.join("ensemble.txt"))?;
-    std::fs::remove_file(&whole)?;
+fn finish(case: &Case, out: &Path, last: usize) -> Result<()> {
+    for test in &case.tests {
+        let (within, name) = match test.name.as_str() {
+            "" => (PathBuf::new(), "ensemble.txt".to_owned()),
+            name => (PathBuf::from(name), format!("ensemble-{name}.txt")),
+        };
+        let of = |i| out.join(format!("iter{i}")).join(&within).join("ensemble.txt");
+        let ensembles: Vec<PathBuf> = (0..=last).map(of).collect();
+        let whole = out.join(".ensemble.txt");
+        join(&ensembles, &whole, None)?;
+        copy(&whole, &out.join(name))?;
+        std::fs::remove_file(&whole)?;
+    }
     let folder = out.join(format!("iter{last}"));
     for (table, of_runs) in
         [("posterior-weights.txt", "posterior-runs-weights.txt"), ("posterior.txt", "posterior-runs.txt")]

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
 use gl_engine::model::{Model, find_program};
 use gl_inference::misfit::{Covariance, Scale};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
-use gl_inference::samples::sample_names;
+use gl_inference::samples::{check_parameter_name, sample_names};
 use gl_table::verdict::Verdicts;
 
 use crate::arguments::Request;
@@ -23,22 +23,22 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let (prior, observations) = check(&case, engine, model)?;
-    let test = &case.tests[0];
     let plan = Plan { case: &case, prior: &prior, observations: &observations };
     let mut verdicts = Verdicts::default();
-    verdicts.add(
-        "case",
-        &case.name,
-        format!(
-            "{}: {} against {} readings of {} on {}; the noise is {}",
-            case.folder.display(),
-            counted(prior.names().len(), "parameter"),
+    let told = case.tests.iter().zip(&observations).map(|(test, observations)| {
+        let noise = observations.noise(&ByName(test.noise.clone()))?;
+        let of = if test.name.is_empty() { String::new() } else { format!(" in {}", test.name) };
+        Ok(format!(
+            "{} readings of {} on {}{of}; the noise is {}",
             observations.steps(),
             test.observable_names().join(", "),
             test.control.measured,
-            if observations.noise(&ByName(test.noise.clone()))?.is_some() { "known" } else { "estimated" }
-        ),
-    );
+            if noise.is_some() { "known" } else { "estimated" }
+        ))
+    });
+    let told = told.collect::<Result<Vec<_>>>()?.join("; ");
+    let parameters = counted(prior.names().len(), "parameter");
+    verdicts.add("case", &case.name, format!("{}: {parameters} against {told}", case.folder.display()));
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
     let out = request.folder("")?;
     plan.forecast(&out, &request.folder("-diagnosis")?, &mut verdicts)?;
@@ -71,15 +71,19 @@ pub(crate) fn ready(
 }
 
 /// Check all of a case that runs depend on: the parameters and the measurement.
-fn check(case: &Case, engine: Engine, model: &str) -> Result<(Prior, Observations)> {
+fn check(case: &Case, engine: Engine, model: &str) -> Result<(Prior, Vec<Observations>)> {
     let mut problems = Problems::default();
     let tables = tables(case, &mut problems);
     if let (Some(prior), _) = &tables {
-        problems.note(check_model(case, engine, model, prior));
+        if case.has_tests() {
+            problems.note(check_model_of_tests(case, engine, prior));
+        } else {
+            problems.note(check_model(case, engine, model, prior, &case.tests[0]));
+        }
     }
     problems.finish()?;
     match tables {
-        (Some(prior), Some(observations)) => Ok((prior, observations)),
+        (Some(prior), observations) => Ok((prior, observations)),
         _ => bail!("{}: no tables", case.folder.display()),
     }
 }
@@ -108,11 +112,14 @@ impl Problems {
     }
 }
 
-fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Option<Observations>) {
+fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Vec<Observations>) {
     let prior = problems.note(Prior::read(&case.params()));
-    let mut observations = None;
+    let mut observations = Vec::new();
     for test in &case.tests {
-        observations = problems.note(check_test(test));
+        observations.extend(problems.note(check_test(test)));
+    }
+    if observations.len() == case.tests.len() {
+        problems.note(check_noises(case, &observations));
     }
     problems.note(check_names(case, prior.as_ref()));
     problems.note(sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
@@ -138,6 +145,25 @@ fn check_test(test: &Test) -> Result<Observations> {
     Ok(observations)
 }
 
+/// That the noise is known in all tests, or in none.
+fn check_noises(case: &Case, observations: &[Observations]) -> Result<()> {
+    let mut first: Option<(bool, &str)> = None;
+    for (test, observations) in case.tests.iter().zip(observations) {
+        let is_known = observations.noise(&ByName(test.noise.clone()))?.is_some();
+        match first {
+            Some((other, name)) if other != is_known => {
+                let (known, not) = if other { (name, test.name.as_str()) } else { (&*test.name, name) };
+                bail!(
+                    "{}: the noise of the test {known} is known and that of {not} is not; give it for each, or for none",
+                    case.places.of_setting("test")
+                );
+            }
+            _ => first = Some((is_known, &test.name)),
+        }
+    }
+    Ok(())
+}
+
 fn place(case: &Case, setting: &str) -> String {
     format!("{}: {}", case.places.of_setting(setting), setting.split('.').next().unwrap_or_default())
 }
@@ -158,7 +184,22 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
         refuse("truth", name, &parameters, "parameter")?;
     }
     let mut axes = parameters.clone();
-    for test in &case.tests {
+    for (i, test) in case.tests.iter().enumerate() {
+        for (name, _) in &test.given {
+            let at = case.places.of_setting(&format!("test.{i}.given.{name}"));
+            check_parameter_name(name).map_err(|problem| anyhow!("{at}: given: {problem}"))?;
+            ensure!(
+                !parameters.contains(name),
+                "{at}: given: {name} is a parameter, which is not known beforehand"
+            );
+        }
+        if !test.name.is_empty() && test.obs.to_string_lossy().contains(':') {
+            bail!(
+                "{}: {}: a colon in the path of a test; call the folder otherwise",
+                case.places.of_setting(&format!("test.{i}.obs")),
+                test.obs.display()
+            );
+        }
         axes.extend([test.control.measured.clone()]);
         axes.extend(test.observable_names());
     }
@@ -172,8 +213,22 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
     Ok(())
 }
 
+/// The model of each test.
+fn check_model_of_tests(case: &Case, engine: Engine, prior: &Prior) -> Result<()> {
+    if engine.is_queue() {
+        bail!(
+            "{}: the engine {engine} takes one test; a case with [[test]] runs by embedded, local or yade-batch",
+            case.places.of_setting("test")
+        );
+    }
+    case.tests.iter().try_for_each(|test| {
+        let model = case.model_of(test, engine)?;
+        check_model(case, engine, &model, prior, test).with_context(|| format!("test {}", test.name))
+    })
+}
+
 /// The model, and the programs that the engine needs.
-fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior) -> Result<()> {
+fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &Test) -> Result<()> {
     let needs = |program: &str, what: &str| match find_program(program) {
         Some(_) => Ok(()),
         None => bail!("{program} is not installed, which the engine {engine} needs: {what}"),
@@ -194,6 +249,7 @@ fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior) -> Resul
     let mut columns = vec!["description".to_owned(), "key".to_owned()];
     columns.extend(case.threads.map(|_| "!OMP_NUM_THREADS".to_owned()));
     columns.extend(prior.names());
+    columns.extend(test.given.iter().map(|(name, _)| name.clone()));
     let table = BatchTable::parse("the samples", (columns.join("\t") + "\n").into_bytes())?;
     Model::check(model, &table, &case.folder).with_context(|| place(case, &format!("model.{engine}")))?;
     if engine == Engine::YadeBatch && !model.trim().ends_with(".py") {

@@ -16,6 +16,41 @@ pub(crate) fn measurement(call: Call, test: &Test) -> Call {
         .option("--noise", by_name(&test.noise))
 }
 
+/// All tests of a case as `gl-posterior` takes them: `-b -c -v` of a single one, else `--test` for each; with how runs are
+/// weighed against them.
+pub(crate) fn all_tests(call: Call, case: &Case) -> Call {
+    if !case.has_tests() {
+        return comparison(call, &case.tests[0]);
+    }
+    let call = case.tests.iter().fold(call, |call, test| {
+        let noise = by_name(&test.noise).unwrap_or_default();
+        let columns = test.observable_names().join(",");
+        let mut word = std::ffi::OsString::from(format!("{}:", test.name));
+        word.push(&test.obs);
+        word.push(format!(":{}:{columns}:{noise}", test.control.measured));
+        if let Some(steps) = &test.steps {
+            word.push(format!(":{steps}"));
+        }
+        call.flag("--test", word)
+    });
+    let weights: Vec<(String, f64)> = case
+        .tests
+        .iter()
+        .flat_map(|test| test.weights.iter().map(|(name, weight)| (test.named(name), *weight)))
+        .collect();
+    call.option("--scale", case.tests[0].scale.as_ref()).option("--weights", by_name(&weights))
+}
+
+/// A table of a test, as tools take it: `NAME=FILE` where tests have names.
+pub(crate) fn of_test(test: &Test, file: &Path) -> std::ffi::OsString {
+    let mut word = std::ffi::OsString::new();
+    if !test.name.is_empty() {
+        word.push(format!("{}=", test.name));
+    }
+    word.push(file);
+    word
+}
+
 /// The same for `gl-collect`, with what the runs call the columns.
 pub(crate) fn simulated(call: Call, test: &Test) -> Call {
     let observables: Vec<String> = test.observables.iter().map(gl_case::Column::renamed).collect();

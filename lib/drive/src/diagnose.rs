@@ -11,7 +11,7 @@ const WIDER_PRIOR: &str = "wider-params.txt";
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use gl_case::{Case, Engine, Posterior};
 use gl_gap::attribute::winner::winning_effects;
 use gl_inference::prior::Prior;
@@ -43,6 +43,12 @@ pub(crate) struct Diagnosis<'a> {
 /// If the case is wrong, or a step fails.
 pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
+    ensure!(
+        !case.has_tests(),
+        "{}: a diagnosis takes one measurement, and this case has [[test]]; gl-calibrate takes all tests, gl-gap-locate \
+         says where they miss, and a case of each test by itself can be diagnosed",
+        case.places.of_setting("test")
+    );
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;

@@ -17,7 +17,8 @@ use crate::columns::{runs_of_design, runs_of_iteration};
 pub(crate) struct Plan<'a> {
     pub(crate) case: &'a Case,
     pub(crate) prior: &'a Prior,
-    pub(crate) observations: &'a Observations,
+    /// The measurement of each test.
+    pub(crate) observations: &'a [Observations],
 }
 
 /// Bytes of a number in a table, and of the files around a run, where no run says more.
@@ -57,10 +58,14 @@ impl Plan<'_> {
             "runs",
             most,
             format!(
-                "a calibration takes {begins}{} an iteration, {} at the most: {} at the most",
+                "a calibration takes {begins}{} an iteration, {} at the most: {} at the most{}",
                 counted(num, "run"),
                 counted(self.case.iterations, "iteration"),
-                counted(most, "run")
+                counted(most, "run"),
+                match self.case.tests.len() {
+                    1 => String::new(),
+                    tests => format!(", each in {tests} tests"),
+                }
             ),
         );
         let has_effects = !self.prior.effects().is_empty();
@@ -96,9 +101,10 @@ impl Plan<'_> {
     /// # Errors
     /// If it has not.
     pub(crate) fn room(&self, runs: usize, out: &Path) -> Result<(u64, u64)> {
-        let readings = (self.observations.steps() * (1 + self.observations.names.len())) as u64;
+        let of = |observations: &Observations| observations.steps() * (1 + observations.names.len());
+        let readings = self.observations.iter().map(of).sum::<usize>() as u64;
         // In its own file, in the ensemble, and in what is made of it.
-        let guessed = FILES + 4 * NUMBER * readings;
+        let guessed = FILES * self.observations.len() as u64 + 4 * NUMBER * readings;
         let each = measured(out)?.map_or(guessed, |measured| {
             (measured.bytes / u64::from(measured.runs)).max(FILES) + 3 * NUMBER * readings
         });

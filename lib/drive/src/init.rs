@@ -93,9 +93,9 @@ mod tests {
             .collect();
         Case::parse::<&str>(Path::new("new"), "case.toml", &uncommented, &[]).unwrap();
         for setting in Case::settings() {
-            let is_there = uncommented
-                .lines()
-                .any(|line| line.starts_with(&format!("{setting} =")) || line == format!("[{setting}]"));
+            let is_there = uncommented.lines().any(|line| {
+                line.starts_with(&format!("{setting} =")) || line.trim_matches(['[', ']']) == setting
+            });
             assert!(is_there, "{setting} is not in the empty case");
         }
     }

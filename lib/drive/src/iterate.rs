@@ -35,13 +35,20 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
     let runner = Runner::new(&out)?;
     make_folder(&folder)?;
     place(samples, &folder.join("samples.txt"))?;
-    link(runs, &folder.join("runs"))?;
-    // The runs may be others than before.
-    remove(&folder.join("ensemble.txt"))?;
+    for test in &case.tests {
+        let (runs, within) = match test.name.as_str() {
+            "" => (runs.to_owned(), folder.clone()),
+            name => (runs.join(name), folder.join(name)),
+        };
+        ensure!(runs.is_dir(), "{}: no such folder of runs of the test {}", runs.display(), test.name);
+        make_folder(&within)?;
+        link(&runs, &within.join("runs"))?;
+        // The runs may be others than before.
+        remove(&within.join("ensemble.txt"))?;
+    }
     let prior = Prior::read(&case.params())?;
     let setting = Setting {
         case: &case,
-        test: &case.tests[0],
         runs: None,
         prior: &prior,
         settings: None,

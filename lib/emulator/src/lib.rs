@@ -16,6 +16,7 @@ mod kernel;
 mod minimise;
 mod points;
 pub mod posterior;
+pub mod sensitivity;
 pub mod table;
 #[cfg(test)]
 mod tests;
@@ -83,7 +84,8 @@ impl Default for Options {
 pub struct Emulator {
     prior: Prior,
     observables: Vec<String>,
-    steps: usize,
+    /// Where the outputs of each observable begin, and the number of all, shape (observables + 1,).
+    starts: Vec<usize>,
     runs: Vec<String>,
     missing: usize,
     inputs: Inputs,
@@ -160,22 +162,38 @@ impl Emulator {
         );
         ensure!(d > 0, "{}: all runs have the same parameters", ensemble.source);
 
-        let (m, steps) = (ensemble.observables.len(), ensemble.steps());
-        let curves = DMatrix::from_fn(n, m * steps, |i, o| ensemble.curve(order[i], o / steps)[o % steps]);
+        let m = ensemble.observables.len();
+        let mut starts = vec![0];
+        starts.extend((0..m).scan(0, |end, j| {
+            *end += ensemble.steps_of(j);
+            Some(*end)
+        }));
+        let outputs = starts[m];
+        let mut curves = DMatrix::zeros(n, outputs);
+        for (i, &run) in order.iter().enumerate() {
+            for j in 0..m {
+                for (t, y) in ensemble.curve(run, j).iter().enumerate() {
+                    curves[(i, starts[j] + t)] = *y;
+                }
+            }
+        }
         let (scale, enough) = match &options.noise {
             Some(noise) => {
                 let scale: Vec<f64> = noise.iter().flatten().copied().collect();
                 ensure!(
-                    scale.len() == m * steps && scale.iter().all(|&sd| sd > 0.0),
-                    "the noise of an emulator is not positive, or not that of {m} observables at {steps} steps"
+                    scale.len() == outputs && scale.iter().all(|&sd| sd > 0.0),
+                    "the noise of an emulator is not positive, or not that of {m} observables and {outputs} readings"
                 );
                 let leftover = options.leftover.unwrap_or(0.01);
                 (scale, Enough { leftover, share: 1e-12, most: options.max_components })
             }
             None => {
-                let ranges = (0..m).map(|j| range_of(&curves, j, steps));
-                let scale =
-                    ranges.flat_map(|range| vec![if range > 0.0 { range } else { 1.0 }; steps]).collect();
+                let scale = (0..m)
+                    .flat_map(|j| {
+                        let range = range_of(&curves, starts[j]..starts[j + 1]);
+                        vec![if range > 0.0 { range } else { 1.0 }; starts[j + 1] - starts[j]]
+                    })
+                    .collect();
                 let share = options.leftover.unwrap_or(1e-6);
                 (scale, Enough { leftover: 0.0, share, most: options.max_components })
             }
@@ -211,14 +229,14 @@ impl Emulator {
         let mut emulator = Self {
             prior: prior.clone(),
             observables: ensemble.observables.clone(),
-            steps,
+            starts,
             runs: order.iter().map(|&run| ensemble.samples[run].clone()).collect(),
             missing: samples.len() - n,
             inputs,
             components,
             processes,
             correlation,
-            scatter: DVector::zeros(m * steps),
+            scatter: DVector::zeros(outputs),
             curves,
         };
         emulator.scatter = emulator.spread(&emulator.nugget());
@@ -240,9 +258,9 @@ impl Emulator {
         &self.scatter
     }
 
-    /// Number of steps.
-    pub fn steps(&self) -> usize {
-        self.steps
+    /// The outputs of an observable.
+    pub fn outputs_of(&self, observable: usize) -> std::ops::Range<usize> {
+        self.starts[observable]..self.starts[observable + 1]
     }
 
     /// Names of the observables.
@@ -385,9 +403,9 @@ impl Emulator {
     pub fn check(&self) -> Vec<Check> {
         let predictions = self.leave_one_out();
         let half_width = normal_quantile(0.95);
-        let count = (self.runs.len() * self.steps) as f64;
         let check = |j: usize| {
-            let outputs = j * self.steps..(j + 1) * self.steps;
+            let outputs = self.outputs_of(j);
+            let count = (self.runs.len() * outputs.len()) as f64;
             let (mut squares, mut covered) = (0.0, 0.0);
             for (i, prediction) in predictions.iter().enumerate() {
                 for o in outputs.clone() {
@@ -401,7 +419,7 @@ impl Emulator {
                 }
             }
             let rmse = (squares / count).sqrt();
-            let range = range_of(&self.curves, j, self.steps);
+            let range = range_of(&self.curves, outputs.clone());
             let scatter = predictions[0].scatter.rows_range(outputs).mean();
             Check {
                 observable: self.observables[j].clone(),
@@ -436,7 +454,7 @@ fn error_correlation(processes: &[Gp], scores: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// Largest minus smallest value of an observable over all runs and steps.
-fn range_of(curves: &DMatrix<f64>, observable: usize, steps: usize) -> f64 {
-    let block = curves.columns(observable * steps, steps);
+fn range_of(curves: &DMatrix<f64>, outputs: std::ops::Range<usize>) -> f64 {
+    let block = curves.columns(outputs.start, outputs.len());
     block.max() - block.min()
 }

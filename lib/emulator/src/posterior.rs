@@ -244,7 +244,13 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
 }
 
 fn measured(question: &Question<'_>, observations: &Observations) -> Result<Measured> {
-    let steps = observations.steps();
+    let lengths = observations.values.iter().map(Vec::len);
+    let starts: Vec<usize> = std::iter::once(0)
+        .chain(lengths.scan(0, |end, length| {
+            *end += length;
+            Some(*end)
+        }))
+        .collect();
     let ranges: Vec<f64> = observations
         .values
         .iter()
@@ -254,14 +260,14 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
         })
         .collect();
     let base = match question.noise.or(question.scale) {
-        Some(noise) => noise.iter().flat_map(|noise| noise[question.steps.clone()].to_vec()).collect(),
+        Some(noise) => noise.iter().flat_map(|noise| cut(noise, &question.steps).to_vec()).collect(),
         // As the filter has it: the largest value.
         None => {
             let sizes = observations.values.iter().zip(&ranges).map(|(values, range)| {
                 let largest = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
                 if largest > 0.0 { largest } else { *range }
             });
-            sizes.flat_map(|size| vec![size; steps]).collect()
+            sizes.zip(&observations.values).flat_map(|(size, values)| vec![size; values.len()]).collect()
         }
     };
     let base: Vec<f64> = base;
@@ -269,12 +275,13 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
         .map(|j| {
             let size = |values: &[f64]| values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
             let runs = (0..question.ensemble.len())
-                .map(|run| size(&question.ensemble.curve(run, j)[question.steps.clone()]));
+                .map(|run| size(cut(question.ensemble.curve(run, j), &question.steps)));
             Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max))
         })
         .collect();
     let readings = observations.values.concat();
-    let of = |o: usize| (warps[o / steps], readings[o]);
+    let observable_of = |o: usize| starts.partition_point(|start| *start <= o) - 1;
+    let of = |o: usize| (warps[observable_of(o)], readings[o]);
     Ok(Measured {
         values: (0..readings.len()).map(|o| of(o).0.there(of(o).1)).collect(),
         base: base.iter().enumerate().map(|(o, sd)| sd * of(o).0.slope(of(o).1)).collect(),
@@ -282,9 +289,14 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
         readings,
         warps,
         is_known: question.noise.is_some(),
-        steps,
+        starts,
         ranges,
     })
+}
+
+/// The part of an observable at the steps that are compared; one of a shorter test has fewer.
+fn cut<'a>(values: &'a [f64], steps: &std::ops::Range<usize>) -> &'a [f64] {
+    &values[steps.start.min(values.len())..steps.end.min(values.len())]
 }
 
 /// The runs at the steps that are compared, as the emulator sees them.
@@ -293,7 +305,7 @@ fn warped(question: &Question<'_>, observations: &Observations, measured: &Measu
     ensemble.source.clone_from(&question.ensemble.source);
     for run in 0..question.ensemble.len() {
         let warped = |(j, warp): (usize, &Warp)| {
-            let curve = &question.ensemble.curve(run, j)[question.steps.clone()];
+            let curve = cut(question.ensemble.curve(run, j), &question.steps);
             curve.iter().map(|y| warp.there(*y)).collect()
         };
         let curves: Vec<Vec<f64>> = measured.warps.iter().enumerate().map(warped).collect();
@@ -311,7 +323,7 @@ fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Opt
         correlation: vec![false; measured.observables()],
     };
     if !measured.is_known {
-        let share = |j: usize| measured.ranges[j] / measured.noise[j * measured.steps];
+        let share = |j: usize| measured.ranges[j] / measured.noise[measured.own(j).start];
         let shares: Vec<f64> = (0..measured.observables()).map(share).collect();
         let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
         let most = shares.iter().copied().fold(0.0, f64::max);
@@ -411,8 +423,12 @@ impl Sampler<'_> {
         let scores = emulator.mean_scores(&self.space.coordinates(&points[0]));
         let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
         let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
-        let steps = self.measured.steps as f64;
-        by_likelihood.into_iter().zip(seen).map(|(is, seen)| is && seen < steps).collect()
+        let is_fewer = |(j, seen): (usize, f64)| seen < self.measured.own(j).len() as f64;
+        by_likelihood
+            .into_iter()
+            .zip(seen.into_iter().enumerate().map(is_fewer))
+            .map(|(a, b)| a && b)
+            .collect()
     }
 
     fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
@@ -537,7 +553,8 @@ fn finish(
     let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
     let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
     let error = |residual: &Vec<f64>| {
-        let shares = residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[o / measured.steps]);
+        let shares =
+            residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[measured.observable_of(o)]);
         shares.sum::<f64>() / residual.len() as f64
     };
     let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);

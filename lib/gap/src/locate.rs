@@ -81,6 +81,50 @@ pub fn locate(
     noise_sd: Option<&[Vec<f64>]>,
     seed: u64,
 ) -> Result<Vec<Stretch>> {
+    let mut stretches =
+        stretches(observations, ensemble, weights, parameters, noise_sd, (FALSE_ALARMS, seed))?;
+    share_out(stretches.iter_mut());
+    Ok(stretches)
+}
+
+/// One test of several that a calibration has seen.
+#[derive(Clone, Debug)]
+pub struct Located<'a> {
+    /// The measurement.
+    pub observations: &'a Observations,
+    /// The runs.
+    pub ensemble: &'a Ensemble,
+    /// Standard deviation of the noise, shape (observables, steps), where it is known.
+    pub noise_sd: Option<&'a [Vec<f64>]>,
+    /// Posterior weights of the runs, shape (runs,), summing to one.
+    pub weights: &'a [f64],
+}
+
+/// [`locate`] in several tests, shape (tests, stretches): the probability of a false alarm is that of all together, and
+/// so are the shares.
+///
+/// # Errors
+/// As [`locate`].
+pub fn locate_tests(tests: &[Located<'_>], parameters: usize, seed: u64) -> Result<Vec<Vec<Stretch>>> {
+    let alarms = FALSE_ALARMS / tests.len().max(1) as f64;
+    let of = |test: &Located<'_>| {
+        let Located { observations, ensemble, noise_sd, weights } = *test;
+        stretches(observations, ensemble, weights, parameters, noise_sd, (alarms, seed))
+    };
+    let mut located = tests.iter().map(of).collect::<Result<Vec<_>>>()?;
+    share_out(located.iter_mut().flatten());
+    Ok(located)
+}
+
+/// The stretches of one test, with their excess in the place of a share.
+fn stretches(
+    observations: &Observations,
+    ensemble: &Ensemble,
+    weights: &[f64],
+    parameters: usize,
+    noise_sd: Option<&[Vec<f64>]>,
+    (alarms, seed): (f64, u64),
+) -> Result<Vec<Stretch>> {
     let gap = gap(observations, ensemble, weights)?;
     ensure!(
         noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
@@ -99,7 +143,8 @@ pub fn locate(
             .map(|(sd, rest)| sd.iter().zip(rest).map(|(sd, r)| sd.hypot(r.sqrt())).collect())
             .collect()
     });
-    let problem = Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()) };
+    let problem =
+        Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()), alarms };
     problem.solve(&gap, seed)
 }
 
@@ -109,6 +154,8 @@ struct Problem {
     scales: Vec<f64>,
     directions: Vec<Vec<f64>>,
     cuts: Vec<usize>,
+    /// Probability of any significant stretch where there is no gap.
+    alarms: f64,
 }
 
 impl Problem {
@@ -133,7 +180,7 @@ impl Problem {
         };
         // Where more would have been found, what lies between those that were may have a gap as well.
         let stretches = self.stretches(&precision, &noises, &found, is_all_found, &gap, threshold);
-        Ok(self.with_shares(stretches, &noises))
+        Ok(with_excesses(stretches, &noises))
     }
 
     /// What the deviation of the most deviant interval exceeds, without a gap, in few replicates.
@@ -154,7 +201,7 @@ impl Problem {
         });
         let mut highest = highest.collect::<Result<Vec<f64>>>()?;
         highest.sort_by(f64::total_cmp);
-        Ok(highest[((1.0 - FALSE_ALARMS) * REPLICATES as f64).ceil() as usize])
+        Ok(highest[(((1.0 - self.alarms) * REPLICATES as f64).ceil() as usize).min(REPLICATES - 1)])
     }
 
     /// The axis of every observable cut at the ends of the intervals found, with heights that allow
@@ -226,22 +273,24 @@ impl Problem {
         let spread: f64 = self.directions.iter().map(|direction| mean(direction).powi(2)).sum();
         Height { gap: mean(gap), sd: (noise + spread).sqrt() }
     }
+}
 
-    /// Share out the squared gap, in units of the noise, in excess of what its own uncertainty explains.
-    fn with_shares(&self, mut stretches: Vec<Stretch>, noises: &[Noise]) -> Vec<Stretch> {
-        if !stretches.iter().any(|stretch| stretch.significant) {
-            return stretches;
-        }
-        let excess = |stretch: &Stretch| -> f64 {
-            let sd = &noises[stretch.observable].sd[stretch.steps.clone()];
-            let square = (stretch.gap.powi(2) - stretch.gap_sd.powi(2)).max(0.0);
-            sd.iter().map(|sd| square / (sd * sd)).sum()
-        };
-        let excesses: Vec<f64> = stretches.iter().map(excess).collect();
-        let total: f64 = excesses.iter().sum();
-        stretches.iter_mut().zip(excesses).for_each(|(stretch, excess)| stretch.share = excess / total);
-        stretches
+/// The squared gap of each stretch, in units of the noise, in excess of what its own uncertainty explains.
+fn with_excesses(mut stretches: Vec<Stretch>, noises: &[Noise]) -> Vec<Stretch> {
+    for stretch in &mut stretches {
+        let sd = &noises[stretch.observable].sd[stretch.steps.clone()];
+        let square = (stretch.gap.powi(2) - stretch.gap_sd.powi(2)).max(0.0);
+        stretch.share = sd.iter().map(|sd| square / (sd * sd)).sum();
     }
+    stretches
+}
+
+/// Make shares of the excesses, if a stretch is significant.
+fn share_out<'a>(stretches: impl Iterator<Item = &'a mut Stretch>) {
+    let mut stretches: Vec<&mut Stretch> = stretches.collect();
+    let is_any = stretches.iter().any(|stretch| stretch.significant);
+    let total: f64 = stretches.iter().map(|stretch| stretch.share).sum();
+    stretches.iter_mut().for_each(|stretch| stretch.share = if is_any { stretch.share / total } else { 0.0 });
 }
 
 /// Where other stretches leave nothing to say.
@@ -270,18 +319,48 @@ pub fn fits(
     Ok(fit::test(&standardised(observations, ensemble, weights, noise_sd)?, parameters))
 }
 
+/// [`fits`] of several tests together.
+///
+/// # Errors
+/// As [`locate`].
+pub fn fits_tests(tests: &[Located<'_>], parameters: usize) -> Result<Fit> {
+    let of = |test: &Located<'_>| standardised(test.observations, test.ensemble, test.weights, test.noise_sd);
+    let left = tests.iter().map(of).collect::<Result<Vec<_>>>()?;
+    Ok(fit::test(&left.concat(), parameters))
+}
+
 /// What is concluded, for people and for programs.
 pub fn verdict(stretches: &[Stretch], fit: &Fit, observations: &Observations) -> Verdicts {
-    let mut places: Vec<(usize, Range<usize>, f64)> = Vec::new();
-    for stretch in stretches.iter().filter(|stretch| stretch.significant) {
+    verdict_of_tests(&[("", observations, stretches)], fit)
+}
+
+/// What is concluded of several tests: the name of each, its measurement and its stretches. Where it has a name, its
+/// observables are called `test.observable`.
+pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit) -> Verdicts {
+    struct Found {
+        test: usize,
+        observable: usize,
+        steps: Range<usize>,
+        share: f64,
+    }
+    let mut places: Vec<Found> = Vec::new();
+    let all =
+        tests.iter().enumerate().flat_map(|(test, (.., stretches))| stretches.iter().map(move |s| (test, s)));
+    for (test, stretch) in all.filter(|(_, stretch)| stretch.significant) {
         match places.last_mut() {
-            Some((observable, steps, share))
-                if *observable == stretch.observable && steps.end == stretch.steps.start =>
+            Some(last)
+                if (last.test, last.observable, last.steps.end)
+                    == (test, stretch.observable, stretch.steps.start) =>
             {
-                steps.end = stretch.steps.end;
-                *share += stretch.share;
+                last.steps.end = stretch.steps.end;
+                last.share += stretch.share;
             }
-            _ => places.push((stretch.observable, stretch.steps.clone(), stretch.share)),
+            _ => places.push(Found {
+                test,
+                observable: stretch.observable,
+                steps: stretch.steps.clone(),
+                share: stretch.share,
+            }),
         }
     }
     let mut verdicts = Verdicts::default();
@@ -289,15 +368,15 @@ pub fn verdict(stretches: &[Stretch], fit: &Fit, observations: &Observations) ->
         without_stretch(&mut verdicts, fit);
         return verdicts;
     }
-    places.sort_by(|a, b| b.2.total_cmp(&a.2));
-    let path = Path::new(&observations.control);
-    let place = |(observable, steps, share): &(usize, Range<usize>, f64)| {
-        format!(
-            "in {} {} ({:.0} % of it)",
-            observations.names[*observable],
-            path.told(&observations.control_name, steps),
-            100.0 * share
-        )
+    places.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let name = |found: &Found| {
+        let (test, observations, _) = tests[found.test];
+        named(test, &observations.names[found.observable])
+    };
+    let place = |found: &Found| {
+        let (_, observations, _) = tests[found.test];
+        let told = Path::new(&observations.control).told(&observations.control_name, &found.steps);
+        format!("in {} {told} ({:.0} % of it)", name(found), 100.0 * found.share)
     };
     // A sentence is read for where to look first; the table has the rest.
     const TOLD: usize = 3;
@@ -307,9 +386,13 @@ pub fn verdict(stretches: &[Stretch], fit: &Fit, observations: &Observations) ->
         1 => ", and one further stretch".to_owned(),
         more => format!(", and {more} further stretches"),
     };
-    let first = &observations.names[places[0].0];
-    verdicts.add("gap", first, format!("The gap lies {}{more}.", told.join(", ")));
+    verdicts.add("gap", name(&places[0]), format!("The gap lies {}{more}.", told.join(", ")));
     verdicts
+}
+
+/// What an observable is called: `test.observable` where its test has a name.
+pub fn named(test: &str, observable: &str) -> String {
+    if test.is_empty() { observable.to_owned() } else { format!("{test}.{observable}") }
 }
 
 /// What is concluded where no stretch stands out.

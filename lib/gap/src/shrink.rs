@@ -76,6 +76,93 @@ pub fn shrink(
     scatter_share: f64,
     seed: u64,
 ) -> Result<Vec<Shrink>> {
+    let one = measure(observations, before, after, unseen, noise_sd, scatter_share, seed)?;
+    Ok(one.summarised())
+}
+
+/// One test of several that both calibrations have seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    /// The measurement.
+    pub observations: &'a Observations,
+    /// Standard deviation of the noise, shape (observables, steps), where it is known.
+    pub noise_sd: Option<&'a [Vec<f64>]>,
+    /// The calibration before.
+    pub before: &'a Calibrated,
+    /// The calibration after.
+    pub after: &'a Calibrated,
+}
+
+/// [`shrink`] in several tests: for each observable of each test, and then for all of all tests together. Noise is drawn for
+/// each test by itself.
+///
+/// # Errors
+/// As [`shrink`].
+pub fn shrink_tests(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<Vec<Shrink>> {
+    let of = |(place, test): (u64, &Compared<'_>)| {
+        // Streams of one seed are the replicates.
+        let seed = seed.wrapping_add(place.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        measure(test.observations, test.before, test.after, None, test.noise_sd, scatter_share, seed)
+    };
+    let measured = (0..).zip(tests).map(of).collect::<Result<Vec<_>>>()?;
+    Ok(Measured::together(&measured).summarised())
+}
+
+/// Squared gaps, and those of replicates.
+struct Measured {
+    squares: Squares,
+    replicates: Vec<Squares>,
+}
+
+impl Measured {
+    /// The observables of several tests, and then all of them.
+    fn together(tests: &[Self]) -> Self {
+        let joined = |of: &dyn Fn(&Self) -> &Squares| {
+            // The last of each is the mean of its test.
+            let own = |test| {
+                let squares = of(test);
+                squares[..squares.len() - 1].to_vec()
+            };
+            with_mean(tests.iter().flat_map(own).collect())
+        };
+        Self {
+            squares: joined(&|test| &test.squares),
+            replicates: (0..REPLICATES).map(|number| joined(&|test| &test.replicates[number])).collect(),
+        }
+    }
+
+    fn summarised(&self) -> Vec<Shrink> {
+        let Self { squares, replicates } = self;
+        (0..squares.len())
+            .map(|j| {
+                let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
+                let means = [mean(0), mean(1)];
+                let errors = replicates.iter().map(|replicate| {
+                    [0, 1].map(|i| (replicate[j][i] - means[i]) - (replicate[j][2] - squares[j][2]))
+                });
+                summarise(squares[j], errors)
+            })
+            .collect()
+    }
+}
+
+/// Squared gaps of every observable, and then their means.
+fn with_mean(mut squares: Squares) -> Squares {
+    let mean = |i: usize| squares.iter().map(|s| s[i]).sum::<f64>() / squares.len() as f64;
+    squares.push([0, 1, 2].map(mean));
+    squares
+}
+
+/// The squared gaps of one test.
+fn measure(
+    observations: &Observations,
+    before: &Calibrated,
+    after: &Calibrated,
+    unseen: Option<Vec<usize>>,
+    noise_sd: Option<&[Vec<f64>]>,
+    scatter_share: f64,
+    seed: u64,
+) -> Result<Measured> {
     ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
     let ranges = observations.ranges();
     if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
@@ -122,7 +209,7 @@ pub fn shrink(
         noises,
         doubts,
     };
-    problem.solve(&gaps, seed)
+    Ok(problem.solve(&gaps, seed))
 }
 
 struct Problem<'a> {
@@ -140,7 +227,7 @@ struct Problem<'a> {
 type Squares = Vec<[f64; 3]>;
 
 impl Problem<'_> {
-    fn solve(&self, gaps: &[Vec<Vec<f64>>; 2], seed: u64) -> Result<Vec<Shrink>> {
+    fn solve(&self, gaps: &[Vec<Vec<f64>>; 2], seed: u64) -> Measured {
         let squares = self.squares(gaps, &self.noises);
         let true_gaps = self.without_noise(gaps, &squares);
         let replicate = |number: usize| {
@@ -149,23 +236,14 @@ impl Problem<'_> {
             self.replicate(&true_gaps, &mut rng)
         };
         let replicates: Vec<Squares> = (0..REPLICATES).into_par_iter().map(replicate).collect();
-        Ok((0..squares.len())
-            .map(|j| {
-                let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
-                let means = [mean(0), mean(1)];
-                let errors = replicates.iter().map(|replicate| {
-                    [0, 1].map(|i| (replicate[j][i] - means[i]) - (replicate[j][2] - squares[j][2]))
-                });
-                summarise(squares[j], errors)
-            })
-            .collect())
+        Measured { squares, replicates }
     }
 
     /// Squares of gaps of shape (observables, steps), and the floor that noises give.
     fn squares(&self, gaps: &[Vec<Vec<f64>>; 2], noises: &[Noise]) -> Squares {
         let count = self.steps.len() as f64;
         let left = self.scatter.hat.left(noises);
-        let mut squares: Squares = (0..self.ranges.len())
+        let squares: Squares = (0..self.ranges.len())
             .map(|j| {
                 let unit = self.ranges[j].powi(2) * count;
                 let sum =
@@ -176,9 +254,7 @@ impl Problem<'_> {
                 [sum(&gaps[0][j]), sum(&gaps[1][j]), noise + scattered]
             })
             .collect();
-        let mean = |i: usize| squares.iter().map(|s| s[i]).sum::<f64>() / squares.len() as f64;
-        squares.push([0, 1, 2].map(mean));
-        squares
+        with_mean(squares)
     }
 
     /// The gaps made smaller, so that their squares are what is left above the floor.

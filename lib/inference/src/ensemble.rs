@@ -26,6 +26,8 @@ pub struct Ensemble {
     values: Vec<f64>,
     /// Standard deviations in the same order, where an emulator gave them.
     sd: Option<Vec<f64>>,
+    /// Steps of each observable where they are of tests of their own; empty where all have all steps.
+    lengths: Vec<usize>,
 }
 
 impl Ensemble {
@@ -39,6 +41,7 @@ impl Ensemble {
             samples: Vec::new(),
             values: Vec::new(),
             sd: with_sd.then(Vec::new),
+            lengths: observations.lengths(),
         }
     }
 
@@ -84,6 +87,7 @@ impl Ensemble {
             samples: Vec::new(),
             values: Vec::new(),
             sd: columns.sd.as_ref().map(|_| Vec::new()),
+            lengths: Vec::new(),
         };
         let mut seen: HashMap<String, ()> = HashMap::new();
         // Values of the sample being read, step by step, until it is complete.
@@ -195,13 +199,29 @@ impl Ensemble {
             samples: Vec::with_capacity(runs.len()),
             values: Vec::new(),
             sd: None,
+            lengths: self.lengths.iter().map(|length| clipped(&steps, *length).len()).collect(),
         };
         for &run in runs {
+            let cut = |curve: &[f64]| curve[clipped(&steps, curve.len())].to_vec();
             let curves: Vec<Vec<f64>> =
-                (0..self.observables.len()).map(|j| self.curve(run, j)[steps.clone()].to_vec()).collect();
+                (0..self.observables.len()).map(|j| cut(self.curve(run, j))).collect();
             part.push(&self.samples[run], &curves, None);
         }
         part
+    }
+
+    /// The runs at these places, at the steps of a range, with what an emulator said of them.
+    pub fn with_runs(&self, runs: &[usize], steps: std::ops::Range<usize>) -> Self {
+        let mut chosen = self.part(&[], steps.clone());
+        chosen.sd = self.sd.is_some().then(Vec::new);
+        let cut = |curve: &[f64]| curve[clipped(&steps, curve.len())].to_vec();
+        for &run in runs {
+            let of = 0..self.observables.len();
+            let curves: Vec<Vec<f64>> = of.clone().map(|j| cut(self.curve(run, j))).collect();
+            let sd: Option<Vec<Vec<f64>>> = of.map(|j| self.curve_sd(run, j).map(cut)).collect();
+            chosen.push(&self.samples[run], &curves, sd.as_deref());
+        }
+        chosen
     }
 
     /// Put the runs of several ensembles behind each other.
@@ -220,7 +240,9 @@ impl Ensemble {
                 continue;
             }
             ensure!(
-                other.control == all.control && other.observables == all.observables,
+                other.control == all.control
+                    && other.observables == all.observables
+                    && other.lengths == all.lengths,
                 "{}: other steps or observables than {}; collect the runs with the same measurement",
                 other.source,
                 all.source
@@ -248,9 +270,19 @@ impl Ensemble {
         self.samples.is_empty()
     }
 
-    /// Number of steps.
+    /// Number of steps; of the longest test where there are several.
     pub fn steps(&self) -> usize {
         self.control.len()
+    }
+
+    /// Steps of an observable.
+    pub fn steps_of(&self, observable: usize) -> usize {
+        self.lengths.get(observable).copied().unwrap_or(self.control.len())
+    }
+
+    /// Whether the observables are of several tests, each with steps of its own.
+    pub fn is_stacked(&self) -> bool {
+        !self.lengths.is_empty()
     }
 
     /// An observable of a run, shape (steps,).
@@ -269,8 +301,13 @@ impl Ensemble {
     }
 
     fn place(&self, run: usize, observable: usize) -> std::ops::Range<usize> {
-        let start = (run * self.observables.len() + observable) * self.steps();
-        start..start + self.steps()
+        if self.lengths.is_empty() {
+            let start = (run * self.observables.len() + observable) * self.steps();
+            return start..start + self.steps();
+        }
+        let before: usize = self.lengths[..observable].iter().sum();
+        let start = run * self.lengths.iter().sum::<usize>() + before;
+        start..start + self.lengths[observable]
     }
 
     /// Position of each run by the name of its sample.
@@ -287,7 +324,7 @@ impl Ensemble {
             return Ok(());
         }
         ensure!(
-            self.steps() == observations.steps(),
+            self.steps() == observations.steps() && self.lengths == observations.lengths(),
             "{}: {} steps a sample, but {} has {} rows; collect the runs again with this measurement",
             self.source,
             self.steps(),
@@ -322,6 +359,7 @@ impl Ensemble {
     /// # Errors
     /// If it cannot be written.
     pub fn begin(&self, path: Option<&Path>) -> Result<TableWriter> {
+        ensure!(!self.is_stacked(), "{}: runs of several tests are no one table", self.source);
         let mut columns = vec!["sample".to_owned(), "step".to_owned(), self.control_name.clone()];
         columns.extend(self.observables.iter().cloned());
         if self.sd.is_some() {
@@ -367,6 +405,11 @@ impl Ensemble {
         }
         text
     }
+}
+
+/// The part of a range of steps that so many steps have.
+fn clipped(steps: &std::ops::Range<usize>, length: usize) -> std::ops::Range<usize> {
+    steps.start.min(length)..steps.end.min(length)
 }
 
 /// Runs whose rows are made at a time.

@@ -5,7 +5,7 @@
 //! | step of the work | modules |
 //! | --- | --- |
 //! | what may vary, and which samples to run | [`prior`], [`design`], [`samples`] |
-//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`] |
+//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`], [`stack`] |
 //! | how far each run is from the measurement | [`misfit`] |
 //! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
 //! | the next samples | [`mixture`], [`proposal`], [`resample`] |
@@ -26,6 +26,7 @@ pub mod prior;
 pub mod proposal;
 pub mod resample;
 pub mod samples;
+pub mod stack;
 pub mod stop;
 pub mod summary;
 pub mod weights;

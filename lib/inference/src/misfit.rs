@@ -10,7 +10,7 @@ mod stream;
 mod table;
 
 pub use stream::MisfitRows;
-pub use table::Misfits;
+pub use table::{Incomplete, Misfits, Partial};
 
 /// What a misfit is measured against when no noise is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

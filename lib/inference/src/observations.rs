@@ -72,14 +72,21 @@ impl Observations {
         })
     }
 
-    /// Number of steps.
+    /// Number of steps; of the longest test where there are several, see [`Stack`](crate::stack::Stack).
     pub fn steps(&self) -> usize {
         self.control.len()
     }
 
+    /// Steps of each observable where they are of tests of their own; empty where all have all steps.
+    pub(crate) fn lengths(&self) -> Vec<usize> {
+        let is_stacked = self.values.iter().any(|values| values.len() != self.control.len());
+        if is_stacked { self.values.iter().map(Vec::len).collect() } else { Vec::new() }
+    }
+
     /// The measurement at the steps of a range.
     pub fn part(&self, steps: std::ops::Range<usize>) -> Self {
-        let cut = |values: &Vec<f64>| values[steps.clone()].to_vec();
+        let cut =
+            |values: &Vec<f64>| values[steps.start.min(values.len())..steps.end.min(values.len())].to_vec();
         Self {
             control: cut(&self.control),
             values: self.values.iter().map(cut).collect(),
@@ -104,7 +111,7 @@ impl Observations {
         let mut all = Vec::new();
         for (j, name) in self.names.iter().enumerate() {
             match (noise.get(name), &self.sd[j]) {
-                (Some(sd), _) => all.push(vec![sd; self.steps()]),
+                (Some(sd), _) => all.push(vec![sd; self.values[j].len()]),
                 (None, Some(sd)) => all.push(sd.clone()),
                 (None, None) => continue,
             }

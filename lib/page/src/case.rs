@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Result};
-use gl_case::{Case as Settled, Column, Engine, Settings};
+use gl_case::{Case as Settled, Column, Engine, Settings, Test};
 use gl_inference::prior::Prior;
 
 use crate::tools::Call;
@@ -21,12 +21,14 @@ pub struct Case {
     /// The table of parameters, and where it is.
     pub prior: Prior,
     pub params: PathBuf,
-    /// The measurement.
+    /// The measurement; the first of several tests.
     pub obs: PathBuf,
     /// Name of the control in the measurement.
     pub control: String,
     /// Names of the observables in the measurement.
     pub observables: Vec<String>,
+    /// The tests, where the case has several; else none.
+    pub tests: Vec<Test>,
     /// `NAME=SD,…`, or nothing where it is estimated.
     pub noise: String,
     /// `NAME=UNIT,…`
@@ -72,6 +74,7 @@ impl Case {
             control: test.control.measured.clone(),
             observables: test.observables.iter().map(|Column { measured, .. }| measured.clone()).collect(),
             noise: by_name(&test.noise),
+            tests: if case.has_tests() { case.tests.clone() } else { Vec::new() },
             units: by_name(&case.units),
             truth: by_name(&case.truth),
             steps: test.steps.clone().unwrap_or_default(),
@@ -92,8 +95,36 @@ impl Case {
         call.file("-b", &self.obs).option("-c", &self.control).option("--noise", &self.noise)
     }
 
+    /// Tables of measurements.
+    pub fn measurements(&self) -> Vec<PathBuf> {
+        if self.tests.is_empty() {
+            return vec![self.obs.clone()];
+        }
+        self.tests.iter().map(|test| test.obs.clone()).collect()
+    }
+
+    /// A call with the runs in a folder: one ensemble, or that of each test.
+    pub fn ensembles(&self, call: Call, folder: &Path) -> Call {
+        if self.tests.is_empty() {
+            return call.with([folder.join("ensemble.txt").display().to_string()]);
+        }
+        call.with(self.tests.iter().map(|test| {
+            let file = folder.join(format!("ensemble-{}.txt", test.name));
+            format!("{}={}", test.name, file.display())
+        }))
+    }
+
     /// A call with the measurement, all its columns and the noise.
     pub fn columns(&self, call: Call) -> Call {
+        if !self.tests.is_empty() {
+            return self.tests.iter().fold(call, |call, test| {
+                let observables: Vec<&str> = test.observables.iter().map(|of| of.measured.as_str()).collect();
+                let (obs, control) = (test.obs.display(), &test.control.measured);
+                let noise = by_name(&test.noise);
+                let word = format!("{}:{obs}:{control}:{}:{noise}", test.name, observables.join(","));
+                call.option("--test", &word)
+            });
+        }
         self.control_and_noise(call).option("-v", &self.observables.join(","))
     }
 }

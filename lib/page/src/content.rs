@@ -56,12 +56,26 @@ struct About {
     observables: Vec<String>,
     steps: usize,
     noise: String,
+    /// Each test, where there are several.
+    tests: Vec<OneTest>,
     params: Grid,
     /// Parameters of effects that were off.
     off: Vec<String>,
     file: String,
     text: String,
     checksums: Grid,
+}
+
+/// One of several tests.
+#[derive(Debug, Serialize)]
+struct OneTest {
+    name: String,
+    control: String,
+    observables: Vec<String>,
+    steps: usize,
+    noise: String,
+    /// What is known of it, `NAME = VALUE`.
+    given: Vec<String>,
 }
 
 /// A calibration: of the base model, or with an effect in.
@@ -160,7 +174,7 @@ impl Content {
             &base,
             "The measurement, the posterior’s mean and 90 % band, and what is left over.",
         )?;
-        let failed = Failed::gather(&base, after.as_ref(), out)?;
+        let failed = Failed::gather(case, &base, after.as_ref(), out)?;
         let mut content = Self {
             name: case.name(),
             folder: out.display().to_string(),
@@ -254,19 +268,36 @@ impl About {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             Ok(vec![name, bytes.len().to_string(), cksum(&bytes).to_string()])
         };
-        let files = [case.file.clone(), case.params.clone(), case.obs.clone()];
-        let checksums = files.iter().map(|path| checksum(path)).collect::<Result<Vec<_>>>()?;
+        let files = [case.file.clone(), case.params.clone()].into_iter().chain(case.measurements());
+        let checksums = files.map(|path| checksum(&path)).collect::<Result<Vec<_>>>()?;
         Ok(Self {
             about: text(&case.folder.join("README.md")).ok().and_then(|readme| first_paragraph(&readme)),
             control: case.control.clone(),
             observables: case.observables.clone(),
             steps: rows(&case.obs)?,
             noise: case.noise.replace(',', ", "),
+            tests: case.tests.iter().map(OneTest::gather).collect::<Result<_>>()?,
             params: Grid::read(&case.params, usize::MAX)?,
             off: base.still(),
             file: case.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             text: text(&case.file)?,
             checksums: Grid::new(["file", "bytes", "checksum (cksum)"], checksums),
+        })
+    }
+}
+
+impl OneTest {
+    fn gather(test: &gl_case::Test) -> Result<Self> {
+        let list = |rows: &[(String, f64)], between: &str| -> Vec<String> {
+            rows.iter().map(|(name, value)| format!("{name}{between}{value}")).collect()
+        };
+        Ok(Self {
+            name: test.name.clone(),
+            control: test.control.measured.clone(),
+            observables: test.observable_names(),
+            steps: rows(&test.obs)?,
+            noise: list(&test.noise, "=").join(", "),
+            given: list(&test.given, " = "),
         })
     }
 }
@@ -361,12 +392,19 @@ impl Closed {
 }
 
 impl Failed {
-    fn gather(base: &Calibration, after: Option<&Calibration>, out: &Path) -> Result<Self> {
+    fn gather(case: &Case, base: &Calibration, after: Option<&Calibration>, out: &Path) -> Result<Self> {
         let iterations = base.iterations.iter().chain(after.iter().flat_map(|after| &after.iterations));
         let design = out.join("design");
         let mut failed = Vec::new();
         for folder in iterations.chain([&design]) {
             failed.extend(failed_runs(&folder.join("status.txt"))?);
+            for test in &case.tests {
+                let of_test = failed_runs(&folder.join(&test.name).join("status.txt"))?;
+                failed.extend(of_test.into_iter().map(|mut row| {
+                    row[0] = format!("{} of {}", row[0], test.name);
+                    row
+                }));
+            }
         }
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         for row in &failed {

@@ -61,7 +61,7 @@ impl Calibration {
     pub fn fit(&self, case: &Case, caption: &str) -> Result<Picture> {
         let call = Call::new("gl-plot").with(["fit"]);
         let call = case.columns(call).option("--units", &case.units).file("-w", &self.weights_of_runs());
-        draw(caption, call.with([self.file("ensemble.txt").display().to_string()]))
+        draw(caption, case.ensembles(call, &self.folder))
     }
 
     /// The posterior and how it came about.

@@ -8,9 +8,9 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
-use gl_cli::conclude;
+use gl_cli::{conclude, note};
 use gl_inference::filter::{Noise, Runs, Target, weigh, weigh_emulated};
-use gl_inference::misfit::Misfits;
+use gl_inference::misfit::{Incomplete, Misfits, Partial};
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
@@ -23,7 +23,8 @@ use course::Course;
 /// Weigh the runs by sequential Monte Carlo
 ///
 /// Several iterations are weighed together when -s and --proposal are repeated, one of each an
-/// iteration: then no run is thrown away.
+/// iteration: then no run is thrown away. Tables of misfits of the same samples are those of several
+/// tests, and are added.
 #[derive(Parser)]
 #[command(name = "gl-filter", version, after_help = EXAMPLE)]
 struct Args {
@@ -64,7 +65,11 @@ struct Args {
     /// Where the conclusions go, besides stderr: code value text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
-    /// Tables of misfits; stdin when absent
+    /// Count a sample that failed in one test by its others: this assumes that it would have fitted that one as
+    /// well as them, reading for reading. Without it such samples are left out
+    #[arg(long)]
+    failed_as_others: bool,
+    /// Tables of misfits, of one test or of several; stdin when absent
     #[arg(value_name = "MISFIT", default_value = "-")]
     misfits: Vec<PathBuf>,
     /// Where the weights go; stdout when absent
@@ -103,8 +108,12 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = tables.iter().map(Samples::len).collect();
     let samples = Samples::concatenate(tables)?;
-    let misfits = Misfits::read(&args.misfits, args.history.is_some() || args.step_weights.is_some())?;
-    ensure!(!misfits.is_empty(), "{}: no runs to weigh", misfits.source);
+    let partial = if args.failed_as_others { Partial::AsOthers } else { Partial::LeftOut };
+    let by_step = args.history.is_some() || args.step_weights.is_some();
+    let (misfits, incomplete) = Misfits::read_tests(&args.misfits, by_step, partial)?;
+    incomplete.iter().for_each(|lacking| note("gl-filter", lacks(lacking, partial)));
+    let all_tests = if incomplete.is_empty() { "" } else { " that ran in all tests" };
+    ensure!(!misfits.is_empty(), "{}: no runs{all_tests} to weigh", misfits.source);
 
     let places = places(&samples, &misfits)?;
     let mut used = vec![false; samples.len()];
@@ -173,6 +182,17 @@ fn run(args: &Args) -> Result<()> {
         weight: weighting.weights()?,
     }
     .write(args.output.as_deref())
+}
+
+/// What becomes of the samples that a test lacks.
+fn lacks(Incomplete { test, samples }: &Incomplete, partial: Partial) -> String {
+    let (count, first) = (samples.len(), &samples[0]);
+    let named = if count == 1 { first.clone() } else { format!("{count} samples, {first} first,") };
+    let what = match partial {
+        Partial::LeftOut => "left out; --failed-as-others counts by the other tests",
+        Partial::AsOthers => "counted by the other tests, as if that one fitted as well",
+    };
+    format!("{named} failed in the test of {test}: {what}")
 }
 
 /// Where the sample of each run stands.

@@ -5,9 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_gap::locate::{Stretch, fits, locate, verdict};
-use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{ByName, Observations};
+use gl_cli::measured::{Measured, Part};
+use gl_gap::locate::{Located, Stretch, fits_tests, locate_tests, named, verdict_of_tests};
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
 
@@ -19,21 +18,11 @@ use gl_table::TableWriter;
 #[derive(Parser)]
 #[command(name = "gl-gap-locate", version, after_help = EXAMPLE)]
 struct Args {
-    /// Measurement
-    #[arg(short = 'b', long, value_name = "FILE")]
-    observations: PathBuf,
-    /// Column of the control
-    #[arg(short, long, value_name = "NAME")]
-    control: String,
-    /// Columns of the observables
-    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
-    observables: Vec<String>,
+    #[command(flatten)]
+    measured: Measured,
     /// Table of weights
     #[arg(short, long, value_name = "FILE")]
     weights: PathBuf,
-    /// Standard deviation of the noise; by default the `_sd` columns of the measurement, or estimated
-    #[arg(long, value_name = "NAME=SD,…")]
-    noise: Option<ByName>,
     /// Seed of the replicates that say what stands out
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -43,9 +32,9 @@ struct Args {
     /// Where the table goes; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Ensemble of runs, `-` for stdin
+    /// Ensemble of runs, `-` for stdin; NAME=ENSEMBLE for each --test
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
-    ensemble: PathBuf,
+    ensembles: Vec<PathBuf>,
 }
 
 const EXAMPLE: &str = "\
@@ -58,30 +47,42 @@ Example (the measurement rises by 1 halfway, the one run does not):
   gl-gap-locate -b obs.txt -c e -v q -w weights.tsv --noise q=0.1 runs.tsv";
 
 fn run(args: &Args) -> Result<()> {
-    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
+    let parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
     let weights = Weights::read(&args.weights)?;
-    let ensemble = Ensemble::read(&args.ensemble, &args.control, &args.observables)?;
-    let of_runs = weights.of_runs(&ensemble)?;
-    let stretches =
-        locate(&observations, &ensemble, &of_runs, weights.varying(), noise.as_deref(), args.seed)?;
-    write(args.output.as_deref(), &stretches, &observations)?;
-    let fit = fits(&observations, &ensemble, &of_runs, weights.varying(), noise.as_deref())?;
-    gl_cli::conclude("gl-gap-locate", &verdict(&stretches, &fit, &observations), args.verdict.as_deref())
+    let of_runs = weights.of_runs(&parts[0].ensemble)?;
+    let tests: Vec<Located> = parts
+        .iter()
+        .map(|part| Located {
+            observations: &part.observations,
+            ensemble: &part.ensemble,
+            noise_sd: part.noise.as_deref(),
+            weights: &of_runs,
+        })
+        .collect();
+    let located = locate_tests(&tests, weights.varying(), args.seed)?;
+    write(args.output.as_deref(), &parts, &located)?;
+    let fit = fits_tests(&tests, weights.varying())?;
+    let told = parts.iter().zip(&located);
+    let told: Vec<_> =
+        told.map(|(part, found)| (part.name.as_str(), &part.observations, found.as_slice())).collect();
+    gl_cli::conclude("gl-gap-locate", &verdict_of_tests(&told, &fit), args.verdict.as_deref())
 }
 
-fn write(path: Option<&Path>, stretches: &[Stretch], observations: &Observations) -> Result<()> {
+fn write(path: Option<&Path>, parts: &[Part], located: &[Vec<Stretch>]) -> Result<()> {
     let columns = ["observable", "from", "to", "gap", "gap_sd", "z", "share", "significant", "steps"];
     let mut table = TableWriter::create(path, &columns)?;
-    for stretch in stretches {
-        let (first, end) = (stretch.steps.start, stretch.steps.end);
-        table
-            .text(&observations.names[stretch.observable])
-            .numbers(&[observations.control[first], observations.control[end - 1]])
-            .numbers(&[stretch.gap, stretch.gap_sd, stretch.z, stretch.share])
-            .text(if stretch.significant { "yes" } else { "no" })
-            .text(&format!("{first}:{end}"))
-            .end_row()?;
+    for (part, stretches) in parts.iter().zip(located) {
+        let observations = &part.observations;
+        for stretch in stretches {
+            let (first, end) = (stretch.steps.start, stretch.steps.end);
+            table
+                .text(&named(&part.name, &observations.names[stretch.observable]))
+                .numbers(&[observations.control[first], observations.control[end - 1]])
+                .numbers(&[stretch.gap, stretch.gap_sd, stretch.z, stretch.share])
+                .text(if stretch.significant { "yes" } else { "no" })
+                .text(&format!("{}:{}", part.first + first, part.first + end))
+                .end_row()?;
+        }
     }
     table.finish()
 }

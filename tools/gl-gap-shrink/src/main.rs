@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Error, Result, ensure};
 use clap::Parser;
-use gl_gap::shrink::{Calibrated, Shrink, shrink, verdict};
-use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{ByName, Observations, Steps};
+use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
+use gl_gap::locate::named;
+use gl_gap::shrink::{Calibrated, Compared, Shrink, shrink, shrink_tests, verdict};
+use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
 
@@ -20,30 +21,20 @@ use gl_table::TableWriter;
 #[derive(Parser)]
 #[command(name = "gl-gap-shrink", version, after_help = EXAMPLE)]
 struct Args {
-    /// Table of the measurement
-    #[arg(short = 'b', long, value_name = "FILE")]
-    observations: PathBuf,
-    /// Control column
-    #[arg(short, long, value_name = "NAME")]
-    control: String,
-    /// Observables, comma-separated
-    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
-    observables: Vec<String>,
-    /// Runs without the effect, and their weights
+    #[command(flatten)]
+    measured: Measured,
+    /// Runs without the effect, and their weights; NAME=ENSEMBLE for each --test, then the weights
     #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     before: Tables,
     /// Runs with the effect, and their weights
     #[arg(long, value_name = "ENSEMBLE,WEIGHTS", allow_hyphen_values = true)]
     after: Tables,
     /// Steps that calibration did not see, from A up to but not including B; without it all, which it did
-    #[arg(long, value_name = "A:B")]
+    #[arg(long, value_name = "A:B", conflicts_with = "test")]
     steps: Option<Steps>,
     /// Steps that calibration did see, as gl-likelihood --steps was told: the gap is measured on all others
-    #[arg(long, value_name = "A:B", conflicts_with = "steps")]
+    #[arg(long, value_name = "A:B", conflicts_with_all = ["steps", "test"])]
     calibrated: Option<Steps>,
-    /// Standard deviation of the noise, as f=0.02; by default the measurement's `_sd` columns, or estimated
-    #[arg(long, value_name = "NAME=SD,…")]
-    noise: Option<ByName>,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
     #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
@@ -71,10 +62,10 @@ Example (the measurement is a wave; the run before is flat, the one after has ha
   gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 \\
     --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
 
-/// The two tables of a calibration.
+/// The tables of a calibration: runs, one table or one for each test, and their weights.
 #[derive(Clone, Debug)]
 struct Tables {
-    ensemble: PathBuf,
+    ensembles: Vec<PathBuf>,
     weights: PathBuf,
 }
 
@@ -82,27 +73,48 @@ impl FromStr for Tables {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let (ensemble, weights) =
-            text.split_once(',').with_context(|| format!("{text:?} is not ENSEMBLE,WEIGHTS"))?;
-        Ok(Self { ensemble: ensemble.into(), weights: weights.into() })
+        let (ensembles, weights) = ensembles_and_weights(text)?;
+        Ok(Self { ensembles, weights })
     }
 }
 
 impl Tables {
-    fn read(&self, control: &str, observables: &[String]) -> Result<Calibrated> {
-        let ensemble = Ensemble::read(&self.ensemble, control, observables)?;
-        Ok(Calibrated { ensemble, weights: Weights::read(&self.weights)? })
+    /// The tests, and the calibration of each.
+    fn read(&self, measurement: &Measurement) -> Result<(Vec<Part>, Vec<Calibrated>)> {
+        let weights = Weights::read(&self.weights)?;
+        let parts = measurement.parts("gl-gap-shrink", &self.ensembles)?;
+        let of = |part: &Part| Calibrated { ensemble: part.ensemble.clone(), weights: weights.clone() };
+        let calibrated = parts.iter().map(of).collect();
+        Ok((parts, calibrated))
     }
 }
 
 fn run(args: &Args) -> Result<()> {
-    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
-    let unseen = unseen(args, observations.steps())?;
-    let before = args.before.read(&args.control, &args.observables)?;
-    let after = args.after.read(&args.control, &args.observables)?;
-    let shrinks = shrink(&observations, &before, &after, unseen, noise.as_deref(), args.scatter, args.seed)?;
-    write(args.output.as_deref(), &shrinks, &args.observables)?;
+    let measurement = args.measured.read()?;
+    let (parts, before) = args.before.read(&measurement)?;
+    let (_, after) = args.after.read(&measurement)?;
+    let names: Vec<String> = parts
+        .iter()
+        .flat_map(|part| part.observations.names.iter().map(|of| named(&part.name, of)))
+        .collect();
+    let shrinks = if measurement.stack.is_none() {
+        let Part { observations, noise, .. } = &parts[0];
+        let unseen = unseen(args, observations.steps())?;
+        shrink(observations, &before[0], &after[0], unseen, noise.as_deref(), args.scatter, args.seed)?
+    } else {
+        let compared: Vec<Compared> = parts
+            .iter()
+            .zip(before.iter().zip(&after))
+            .map(|(part, (before, after))| Compared {
+                observations: &part.observations,
+                noise_sd: part.noise.as_deref(),
+                before,
+                after,
+            })
+            .collect();
+        shrink_tests(&compared, args.scatter, args.seed)?
+    };
+    write(args.output.as_deref(), &shrinks, &names)?;
     let verdicts = shrinks.last().map(verdict).unwrap_or_default();
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
 }

@@ -2,11 +2,14 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
+use gl_cli::measured::{Measurement, Part};
+use gl_gap::locate::named;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
 use gl_inference::predict::predict;
+use gl_inference::stack::{Stack, TestTables};
 use gl_inference::weights::Weights;
 
 use crate::{Style, Units};
@@ -20,14 +23,21 @@ use gl_figure::scene::{Paint, Rect, Scene, color};
 #[command(after_help = EXAMPLE)]
 pub struct Fit {
     /// Table of what was measured
-    #[arg(short = 'b', long, value_name = "FILE")]
-    observations: PathBuf,
+    #[arg(short = 'b', long, value_name = "FILE", required_unless_present = "test")]
+    observations: Option<PathBuf>,
     /// Column of the control; by default the one after `step`
     #[arg(short, long, value_name = "NAME")]
     control: Option<String>,
     /// Columns of the observables; by default all after the control
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
+    /// A test, instead of -b -c -v --noise; repeat for several. Its ensemble is then given as NAME=ENSEMBLE
+    #[arg(
+        long,
+        value_name = "NAME:OBS:CONTROL:OBSERVABLES[:NOISE[:STEPS]]",
+        conflicts_with_all = ["observations", "control", "observables", "noise"]
+    )]
+    test: Vec<TestTables>,
     /// Weights of the runs; without them every run counts alike
     #[arg(short, long, value_name = "FILE")]
     weights: Option<PathBuf>,
@@ -40,9 +50,9 @@ pub struct Fit {
     /// How many of the best runs to show
     #[arg(long, value_name = "N", default_value_t = 3)]
     best: usize,
-    /// Ensemble table
+    /// Ensemble table; NAME=ENSEMBLE for each --test
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
-    ensemble: PathBuf,
+    ensembles: Vec<PathBuf>,
 }
 
 const EXAMPLE: &str = "\
@@ -55,7 +65,11 @@ Example:
 
 /// One observable: what was measured, what the runs say, all of shape (steps,).
 struct Curves<'a> {
-    name: &'a str,
+    name: String,
+    /// Its own name, without that of a test, which has the unit.
+    observable: &'a str,
+    control: &'a [f64],
+    control_name: &'a str,
     measured: &'a [f64],
     noise: Option<&'a [f64]>,
     mean: Vec<f64>,
@@ -70,51 +84,66 @@ const MOST_BARS: usize = 60;
 
 impl Fit {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
-        let ensemble = Ensemble::read_by_header(&self.ensemble, self.control.as_deref(), &self.observables)?;
-        let observations =
-            Observations::read(&self.observations, &ensemble.control_name, &ensemble.observables)?;
-        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
-        ensure!(!ensemble.is_empty(), "{}: no runs; there is nothing to draw", ensemble.source);
-        ensemble.check_steps(&observations)?;
+        let parts = self.parts()?;
         let weights = self.weights.as_deref().map(Weights::read).transpose()?;
+        let first = &parts[0].ensemble;
+        ensure!(!first.is_empty(), "{}: no runs; there is nothing to draw", first.source);
         let (weight, best) = match &weights {
-            Some(weights) => (weights.of_runs(&ensemble)?, best(&ensemble, weights, self.best)),
-            None => (vec![1.0 / ensemble.len() as f64; ensemble.len()], Vec::new()),
+            Some(weights) => (weights.of_runs(first)?, best(first, weights, self.best)),
+            None => (vec![1.0 / first.len() as f64; first.len()], Vec::new()),
         };
-
-        let prediction = predict(&ensemble, &weight)?;
-        let curves: Vec<Curves> = (0..observations.names.len())
-            .map(|j| Curves {
-                name: &observations.names[j],
+        let mut curves = Vec::new();
+        for Part { name, observations, noise, ensemble, .. } in &parts {
+            let prediction = predict(ensemble, &weight)?;
+            curves.extend((0..observations.names.len()).map(|j| Curves {
+                name: named(name, &observations.names[j]),
+                observable: &observations.names[j],
+                control: &observations.control,
+                control_name: &observations.control_name,
                 measured: &observations.values[j],
                 noise: noise.as_ref().map(|noise| noise[j].as_slice()),
                 mean: prediction[j].iter().map(|moments| moments.mean).collect(),
                 low: prediction[j].iter().map(|moments| moments.quantiles[0]).collect(),
                 high: prediction[j].iter().map(|moments| moments.quantiles[2]).collect(),
                 best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
-            })
-            .collect();
-        let best_names: Vec<&str> = best.iter().map(|&run| ensemble.samples[run].as_str()).collect();
-        Ok(self.figure(style, &observations, &curves, &best_names, weights.is_some()))
+            }));
+        }
+        let best_names: Vec<&str> = best.iter().map(|&run| first.samples[run].as_str()).collect();
+        Ok(self.figure(style, &curves, &best_names, weights.is_some()))
     }
 
-    fn figure(
-        &self,
-        style: &Style,
-        observations: &Observations,
-        curves: &[Curves],
-        best: &[&str],
-        weighted: bool,
-    ) -> Scene {
-        let (control, control_name) = (&observations.control, &observations.control_name);
-        let title = format!("Fit of {} against {control_name}", observations.names.join(", "));
+    /// The tests with their runs; one without a name where no tests are given.
+    fn parts(&self) -> Result<Vec<Part>> {
+        if !self.test.is_empty() {
+            let stack = Stack::read(&self.test)?;
+            let (observations, noise) = (stack.observations.clone(), stack.noise.clone());
+            let all = Measurement { observations, noise, stack: Some(stack) };
+            return all.parts("gl-plot", &self.ensembles);
+        }
+        let (Some(file), [ensemble]) = (&self.observations, self.ensembles.as_slice()) else {
+            bail!("give one ensemble, or tests with --test and NAME=ENSEMBLE for each");
+        };
+        let ensemble = Ensemble::read_by_header(ensemble, self.control.as_deref(), &self.observables)?;
+        let observations = Observations::read(file, &ensemble.control_name, &ensemble.observables)?;
+        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        ensure!(!ensemble.is_empty(), "{}: no runs; there is nothing to draw", ensemble.source);
+        ensemble.check_steps(&observations)?;
+        Ok(vec![Part { name: String::new(), first: 0, observations, noise, ensemble }])
+    }
+
+    fn figure(&self, style: &Style, curves: &[Curves], best: &[&str], weighted: bool) -> Scene {
+        let names: Vec<&str> = curves.iter().map(|curves| curves.name.as_str()).collect();
+        let mut controls: Vec<&str> = curves.iter().map(|curves| curves.control_name).collect();
+        controls.dedup();
+        let title = format!("Fit of {} against {}", names.join(", "), controls.join(", "));
         let mut figure = Figure::new(title, style.width);
-        let paint = Paints::new(control.len());
+        let most = curves.iter().map(|curves| curves.control.len()).max().unwrap_or(0);
+        let paint = Paints::new(most);
         let mean = if weighted { "weighted mean" } else { "mean of all runs" };
         let mut legend = vec![(Key::Dot(paint.dot), "measured".to_owned())];
         if curves.iter().any(|curves| curves.noise.is_some()) {
             let noise = "noise, ± 1 sd".to_owned();
-            legend.push(if control.len() > MOST_BARS {
+            legend.push(if most > MOST_BARS {
                 (Key::Area(paint.noise_band), noise)
             } else {
                 (Key::Line(paint.noise_bar), noise)
@@ -136,17 +165,19 @@ impl Fit {
             let mut foot = bottom;
             for (column, curves) in row.iter().enumerate() {
                 let (left, right) = figure.cell(column, columns);
-                let label = |name: &str| Label { name: name.to_owned(), unit: self.units.get(name) };
+                let Curves { control, control_name, observable, .. } = *curves;
+                let paint = Paints::new(control.len());
+                let label = |name: &str, of: &str| Label { name: name.to_owned(), unit: self.units.get(of) };
                 let all = curves.everything().padded(0.05);
                 let rest = curves.residuals().padded(0.05);
-                let y = Axis::vertical(all, label(curves.name), height);
-                let residual = Label { name: "residual".to_owned(), unit: self.units.get(curves.name) };
+                let y = Axis::vertical(all, label(&curves.name, observable), height);
+                let residual = Label { name: "residual".to_owned(), unit: self.units.get(observable) };
                 let residual_y = Axis::vertical(rest, residual, bottom - residual_top);
                 let beside = room_beside(&y, height).max(room_beside(&residual_y, bottom - residual_top));
                 let left = left + beside;
                 let right = right - 7.0;
                 let span = Span::of(control.iter().copied()).padded(0.03);
-                let x = Axis::horizontal(span, label(control_name), right - left);
+                let x = Axis::horizontal(span, label(control_name, control_name), right - left);
                 let place = Rect::new(left, top, right, middle);
                 let name = format!("{} against {control_name}", curves.name);
                 let mut panel = Panel::new(name, place, x.clone(), y).beside(beside).without_x_labels();

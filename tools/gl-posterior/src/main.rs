@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
+use gl_cli::measured::{Measured, Measurement};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
-use gl_inference::ensemble::Ensemble;
 use gl_inference::misfit::{Covariance, Scale};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
@@ -26,22 +26,13 @@ struct Args {
     /// predict of it
     #[arg(short, long, value_name = "FILE", required = true)]
     samples: Vec<PathBuf>,
-    /// Table of the measurement
-    #[arg(short = 'b', long, value_name = "FILE")]
-    observations: PathBuf,
-    /// Column of the control
-    #[arg(short, long, value_name = "NAME")]
-    control: String,
-    /// Columns of the observables
-    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
-    observables: Vec<String>,
-    /// Standard deviation of each observable's noise; by default the _sd columns, else estimated with the fit
-    #[arg(long, value_name = "NAME=SD,…")]
-    noise: Option<ByName>,
+    #[command(flatten)]
+    measured: Measured,
     /// What an unknown noise is a share of: max, value, range or none
     #[arg(long, value_name = "SCALE", default_value = "max")]
     scale: Scale,
-    /// How much an observable counts where the noise is not known, as an inverse weight
+    /// How much an observable counts where the noise is not known, as an inverse weight; one of several tests is
+    /// called TEST.OBSERVABLE
     #[arg(long, value_name = "NAME=W,…")]
     weights: Option<ByName>,
     /// Share of the variance of the simulation's scatter that the measurement has too; by default estimated
@@ -90,7 +81,7 @@ struct Args {
     /// Where the draws go; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Ensembles of the runs
+    /// Ensembles of the runs; NAME=ENSEMBLE for each --test
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
     ensembles: Vec<PathBuf>,
 }
@@ -98,7 +89,11 @@ struct Args {
 const EXAMPLE: &str = "Example:
   gl-posterior -p params.txt -s samples.txt -b obs.txt -c u -v f \\
     --noise f=0.02 --summary posterior.txt --next 4 --next-out next.txt \\
-    ensemble.txt -o draws.txt";
+    ensemble.txt -o draws.txt
+Example (several tests of the same samples):
+  gl-posterior -p params.txt -s samples.txt \\
+    --test first:obs.txt:u:f:f=0.02 --test second:obs.txt:u:f:f=0.02 \\
+    first=ensemble.txt second=ensemble.txt -o draws.txt";
 
 fn run(args: &Args) -> Result<()> {
     let outputs =
@@ -108,14 +103,13 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let newest = if tables.len() > 1 { tables[tables.len() - 1].names.clone() } else { Vec::new() };
     let samples = Samples::concatenate(tables)?;
-    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let ensembles = args.ensembles.iter().map(|path| Ensemble::read(path, &args.control, &args.observables));
-    let ensemble = Ensemble::concatenate(ensembles.collect::<Result<Vec<_>>>()?)?;
-    ensemble.check_steps(&observations)?;
+    let measurement = args.measured.read()?;
+    let ensemble = measurement.ensemble("gl-posterior", &args.ensembles)?;
     ensure!(args.num >= 2, "-n {}: give at least 2 draws", args.num);
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
 
-    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
+    let steps = measurement.steps(args.steps)?;
+    let Measurement { observations, noise, .. } = measurement;
     let scale = match noise {
         Some(_) => None,
         None => Some(scale(args, &observations)?),
@@ -127,7 +121,7 @@ fn run(args: &Args) -> Result<()> {
         observations: &observations,
         noise: noise.as_deref(),
         scale: scale.as_deref(),
-        steps: args.steps.unwrap_or(Steps::ALL).within(observations.steps())?,
+        steps,
         newest: &newest,
     };
     let options = Options {

@@ -7,7 +7,7 @@ use gl_case::Posterior;
 use gl_table::verdict::Verdicts;
 
 use super::iteration::Iteration;
-use crate::columns::{comparison, runs_of_iteration, varied, weighed_runs};
+use crate::columns::{all_tests, of_test, runs_of_iteration, varied, weighed_runs};
 use crate::step::{Call, Messages, copy, is_current, write};
 
 /// Why an iteration and those after it are read from the weights of the runs, where they are.
@@ -35,7 +35,7 @@ impl Iteration<'_> {
     /// weights of the runs have to do.
     pub(crate) fn draw(&self) -> Result<bool> {
         let draws = self.file("posterior-weights.txt");
-        let (ensembles, samples) = (self.files_so_far("ensemble.txt"), self.files_so_far("samples.txt"));
+        let (ensembles, samples) = (self.tables_of_tests("ensemble.txt"), self.files_so_far("samples.txt"));
         let verdict = self.file("posterior-verdict.txt");
         if self.file(FALLBACK).exists() && is_current(&self.file(FALLBACK), &ensembles)? {
             return Ok(false);
@@ -50,7 +50,7 @@ impl Iteration<'_> {
                 call = call.flag("-s", table);
             }
             let next = runs_of_iteration(case, self.setting.prior, self.number + 1);
-            let call = comparison(call, self.setting.test)
+            let call = all_tests(call, case)
                 .option("--scatter", case.scatter)
                 .option("--seed", Some(case.seed + self.number as u64))
                 .option("--next", Some(next))
@@ -63,7 +63,7 @@ impl Iteration<'_> {
                 .flag("--run-summary", self.file("posterior-runs.txt"))
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
-                .args(&ensembles);
+                .args(self.ensembles_of_tests());
             let log = self.file("emulator.log");
             let _ = std::fs::remove_file(&log);
             if !self.setting.runner.attempt(&call, &log)? {
@@ -75,6 +75,15 @@ impl Iteration<'_> {
         }
         copy(&self.file("posterior.txt"), &self.file("summary.txt"))?;
         Ok(true)
+    }
+
+    /// The runs so far, as gl-posterior takes them.
+    fn ensembles_of_tests(&self) -> Vec<std::ffi::OsString> {
+        let of = |test| {
+            let file = move |i| self.setting.folder_of(i, test).join("ensemble.txt");
+            (0..=self.number).map(move |i| of_test(test, &file(i)))
+        };
+        self.setting.case.tests.iter().flat_map(of).collect()
     }
 
     /// From here on the weights of the runs have to do.

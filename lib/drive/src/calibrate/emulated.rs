@@ -6,6 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use gl_case::Test;
 use gl_inference::summary::Summary;
 use gl_inference::weights::Weights;
 
@@ -60,19 +61,27 @@ impl Emulation<'_> {
         let own = self.here.join("weights.txt");
         let wanted = self.setting.case.emulated / 3;
         let mut weights = own.clone();
-        let (mut drawn, mut misfits) = (Vec::new(), Vec::new());
+        let tests = &self.setting.case.tests;
+        let (mut drawn, mut misfits) = (Vec::new(), Vec::<Vec<PathBuf>>::new());
         let mut summary = Summary::default();
         for round in 1..=ROUNDS {
             let samples = self.part.join(format!("samples{round}.txt"));
             let proposal = self.part.join(format!("proposal{round}.txt"));
-            let misfit = self.part.join(format!("misfit{round}.txt"));
-            if !self.emulate(round, &weights, (&samples, &proposal), (&misfit, noise))? {
+            let of_round: Vec<PathBuf> = tests
+                .iter()
+                .map(|test| self.part.join(of_test_or_none("misfit", test, &round.to_string())))
+                .collect();
+            if !self.emulate(round, &weights, (&samples, &proposal), (&of_round, noise))? {
                 return Ok((own, "no emulator, so the runs keep their weights".to_owned()));
             }
             drawn.push((samples, proposal));
-            misfits.push(misfit);
+            misfits.push(of_round);
             weights = self.part.join(format!("weights{round}.txt"));
-            summary = self.weigh(&drawn, &misfits, wanted, &weights)?;
+            // Test by test, each with all rounds.
+            let by_test: Vec<PathBuf> = (0..tests.len())
+                .flat_map(|t| misfits.iter().map(move |of: &Vec<PathBuf>| of[t].clone()))
+                .collect();
+            summary = self.weigh(&drawn, &by_test, wanted, &weights)?;
             // At the lowest sigma that the emulator allows, more are effective than were asked for.
             if known(summary.ess_runs) > 1.001 * wanted as f64 {
                 break;
@@ -105,7 +114,12 @@ impl Emulation<'_> {
         order.truncate(RUNS_A_PARAMETER * parameters.max(2));
         let best: HashSet<&str> = order.iter().map(|&i| weights.samples[i].as_str()).collect();
         let wanted = Wanted { column: "sample", is_wanted: &|name| best.contains(name) };
-        join(&of_all("ensemble.txt"), &self.part.join("ensemble.txt"), Some(&wanted))
+        for test in &self.setting.case.tests {
+            let of_test: Vec<PathBuf> =
+                (0..=self.last).map(|i| self.setting.folder_of(i, test).join("ensemble.txt")).collect();
+            join(&of_test, &self.part.join(of_test_or_none("ensemble", test, "")), Some(&wanted))?;
+        }
+        Ok(())
     }
 
     /// Draw samples by some weights and compare them, emulated, with the measurement: false if nothing can be
@@ -115,7 +129,7 @@ impl Emulation<'_> {
         round: usize,
         weights: &Path,
         (samples, proposal): (&Path, &Path),
-        (misfit, noise): (&Path, f64),
+        (misfits, noise): (&[PathBuf], f64),
     ) -> Result<bool> {
         let case = self.setting.case;
         let seed = 1000 * (case.seed + self.last as u64 + 1) + round as u64;
@@ -130,23 +144,25 @@ impl Emulation<'_> {
             .flag("-o", samples)
             .arg(weights);
         self.must(&call)?;
-        let emulated = self.part.join("emulated.txt");
-        let call = Call::new("gl-emulate")
-            .flag("-p", case.params())
-            .flag("-s", self.part.join("samples.txt"))
-            .flag("--at", samples)
-            .flag("--scatter", "0")
-            .arg(self.part.join("ensemble.txt"))
-            .flag("-o", &emulated);
-        if !self.setting.runner.attempt(&call, self.log)? {
-            return Ok(false);
+        for (test, misfit) in case.tests.iter().zip(misfits) {
+            let emulated = self.part.join("emulated.txt");
+            let call = Call::new("gl-emulate")
+                .flag("-p", case.params())
+                .flag("-s", self.part.join("samples.txt"))
+                .flag("--at", samples)
+                .flag("--scatter", "0")
+                .arg(self.part.join(of_test_or_none("ensemble", test, "")))
+                .flag("-o", &emulated);
+            if !self.setting.runner.attempt(&call, self.log)? {
+                return Ok(false);
+            }
+            let call = comparison(Call::new("gl-likelihood"), test)
+                .option("--sigma", Some(noise))
+                .arg("--total")
+                .arg(&emulated)
+                .flag("-o", misfit);
+            self.must(&call)?;
         }
-        let call = comparison(Call::new("gl-likelihood"), self.setting.test)
-            .option("--sigma", Some(noise))
-            .arg("--total")
-            .arg(&emulated)
-            .flag("-o", misfit);
-        self.must(&call)?;
         Ok(true)
     }
 
@@ -175,6 +191,15 @@ impl Emulation<'_> {
 
     fn must(&self, call: &Call) -> Result<()> {
         self.setting.runner.must(call, Messages::Added(self.log))
+    }
+}
+
+/// The name of a table, with that of its test where it has one.
+fn of_test_or_none(table: &str, test: &Test, number: &str) -> String {
+    if test.name.is_empty() {
+        format!("{table}{number}.txt")
+    } else {
+        format!("{table}{number}-{}.txt", test.name)
     }
 }
 

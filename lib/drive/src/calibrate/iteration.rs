@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_inference::prior::Prior;
+use gl_inference::samples::Samples;
 use gl_inference::summary::enough_runs;
 
 use super::emulated;
@@ -14,7 +15,6 @@ use crate::step::{Call, Messages, Runner, is_current, make_folder, write};
 /// What all iterations of a calibration have in common.
 pub(crate) struct Setting<'a> {
     pub(crate) case: &'a Case,
-    pub(crate) test: &'a Test,
     /// The engine and its model; none where the runs are made elsewhere.
     pub(crate) runs: Option<(Engine, &'a str)>,
     pub(crate) prior: &'a Prior,
@@ -34,6 +34,11 @@ impl Setting<'_> {
 
     pub(crate) fn folder(&self, i: usize) -> PathBuf {
         self.out.join(format!("iter{i}"))
+    }
+
+    /// The folder of a test in that of an iteration; the same where the case is one test.
+    pub(crate) fn folder_of(&self, i: usize, test: &Test) -> PathBuf {
+        if test.name.is_empty() { self.folder(i) } else { self.folder(i).join(&test.name) }
     }
 }
 
@@ -124,42 +129,68 @@ impl<'a> Iteration<'a> {
         self.setting.runner.must(&call, Messages::Kept(&self.file("resample.log")))
     }
 
-    /// Run the samples and collect the runs: false where they are in a queue.
+    /// Run the samples in each test and collect the runs: false where they are in a queue.
     fn run(&self) -> Result<bool> {
-        let (samples, ensemble) = (self.file("samples.txt"), self.file("ensemble.txt"));
-        if is_current(&ensemble, &[&samples, &self.setting.test.obs])? {
+        for test in &self.setting.case.tests {
+            if !self.run_test(test)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn run_test(&self, test: &Test) -> Result<bool> {
+        let Setting { case, runner, .. } = *self.setting;
+        let folder = self.setting.folder_of(self.number, test);
+        self.give(test)?;
+        let (samples, ensemble) = (folder.join("samples.txt"), folder.join("ensemble.txt"));
+        if is_current(&ensemble, &[&samples, &test.obs])? {
             return Ok(true);
         }
-        let runs = self.file("runs");
-        if let Some((engine, model)) = self.setting.runs
-            && !run(
-                self.setting.runner,
-                self.setting.case,
-                (engine, model),
-                &samples,
-                &runs,
-                self.setting.wait,
-            )?
-        {
-            return Ok(false);
+        let runs = folder.join("runs");
+        if let Some((engine, model)) = self.setting.runs {
+            let own = if test.name.is_empty() { model.to_owned() } else { case.model_of(test, engine)? };
+            if !run(runner, case, (engine, &own), &samples, &runs, self.setting.wait)? {
+                return Ok(false);
+            }
         }
-        collect(
-            self.setting.runner,
-            self.setting.case,
-            &self.folder,
-            Messages::Kept(&self.file("collect.log")),
-        )?;
+        collect(runner, case, test, &folder, Messages::Kept(&folder.join("collect.log")))?;
         Ok(true)
+    }
+
+    /// The samples of a test that has a name: those of the iteration, with what is given of the test.
+    pub(crate) fn give(&self, test: &Test) -> Result<()> {
+        if test.name.is_empty() {
+            return Ok(());
+        }
+        let folder = self.setting.folder_of(self.number, test);
+        make_folder(&folder)?;
+        let (all, own) = (self.file("samples.txt"), folder.join("samples.txt"));
+        let mut inputs = self.setting.given();
+        inputs.push(all.clone());
+        if is_current(&own, &inputs)? {
+            return Ok(());
+        }
+        let mut samples = Samples::read(&all)?;
+        // A simulator that takes the whole table has it in its command.
+        if self.setting.runs.is_none_or(|(engine, _)| engine != Engine::Embedded) {
+            samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
+            let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
+            samples.values.iter_mut().for_each(|row| row.extend(&values));
+        }
+        samples.write(Some(&own), self.setting.case.threads)
     }
 
     /// How far each run is from the measurement.
     fn compare(&self) -> Result<()> {
-        for i in 0..=self.number {
-            let folder = self.setting.folder(i);
-            let (ensemble, misfit) = (folder.join("ensemble.txt"), folder.join("misfit.txt"));
-            if !is_current(&misfit, &[&ensemble])? {
-                let call = comparison(Call::new("gl-likelihood"), self.setting.test);
-                self.setting.runner.must(&call.flag("-o", &misfit).arg(&ensemble), Messages::Shown)?;
+        for test in &self.setting.case.tests {
+            for i in 0..=self.number {
+                let folder = self.setting.folder_of(i, test);
+                let (ensemble, misfit) = (folder.join("ensemble.txt"), folder.join("misfit.txt"));
+                if !is_current(&misfit, &[&ensemble])? {
+                    let call = comparison(Call::new("gl-likelihood"), test);
+                    self.setting.runner.must(&call.flag("-o", &misfit).arg(&ensemble), Messages::Shown)?;
+                }
             }
         }
         Ok(())
@@ -168,7 +199,7 @@ impl<'a> Iteration<'a> {
     /// Weigh all runs so far: tempered, so that enough of them keep weight to draw the next samples from; and as the
     /// posterior itself. Of what gl-filter writes the weights come last, so that they stand for all of it.
     fn weigh(&self) -> Result<()> {
-        let misfits = self.files_so_far("misfit.txt");
+        let misfits = self.tables_of_tests("misfit.txt");
         let runner = self.setting.runner;
         let weights = self.file("weights.txt");
         if !is_current(&weights, &misfits)? {
@@ -234,6 +265,12 @@ impl<'a> Iteration<'a> {
         self.folder.join(name)
     }
 
+    /// A file of each test and iteration up to this one, test by test.
+    pub(crate) fn tables_of_tests(&self, name: &str) -> Vec<PathBuf> {
+        let of = |test| (0..=self.number).map(move |i| self.setting.folder_of(i, test).join(name));
+        self.setting.case.tests.iter().flat_map(of).collect()
+    }
+
     /// A file of each iteration up to this one.
     pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
         (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
@@ -270,9 +307,15 @@ pub(crate) fn run(
 }
 
 /// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`.
-pub(crate) fn collect(runner: &Runner, case: &Case, folder: &Path, messages: Messages<'_>) -> Result<()> {
+pub(crate) fn collect(
+    runner: &Runner,
+    case: &Case,
+    test: &Test,
+    folder: &Path,
+    messages: Messages<'_>,
+) -> Result<()> {
     let call = Call::new("gl-collect").flag("-s", folder.join("samples.txt"));
-    let call = simulated(call, &case.tests[0])
+    let call = simulated(call, test)
         .option("--max-failed", Some(case.max_failed))
         .flag("--status", folder.join("status.txt"))
         .flag("-o", folder.join("ensemble.txt"))

@@ -193,7 +193,7 @@ impl Round<'_> {
         if !run(runner, case, (engine, model), &samples, &self.file("runs"), wait)? {
             return Ok(false);
         }
-        collect(runner, case, &self.folder, Messages::Shown)?;
+        collect(runner, case, &case.tests[0], &self.folder, Messages::Shown)?;
         Ok(true)
     }
 

@@ -34,8 +34,8 @@ pub struct Measured {
     pub warps: Vec<Warp>,
     /// Whether it is known.
     pub is_known: bool,
-    /// Number of steps.
-    pub steps: usize,
+    /// Where the readings of each observable begin, and the number of all, shape (observables + 1,).
+    pub starts: Vec<usize>,
     /// Range of each observable, shape (observables,).
     pub ranges: Vec<f64>,
 }
@@ -44,7 +44,7 @@ impl Measured {
     /// What the readings have more than a curve that the emulator gives, in their own units, shape
     /// (observables · steps).
     pub fn residual(&self, curve: &[f64]) -> Vec<f64> {
-        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[o / self.steps].back(*y);
+        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[self.observable_of(o)].back(*y);
         curve.iter().enumerate().map(of).collect()
     }
 
@@ -57,6 +57,16 @@ impl Measured {
     /// Number of observables.
     pub fn observables(&self) -> usize {
         self.ranges.len()
+    }
+
+    /// Places of the readings of an observable.
+    pub fn own(&self, observable: usize) -> std::ops::Range<usize> {
+        self.starts[observable]..self.starts[observable + 1]
+    }
+
+    /// The observable of a reading.
+    pub fn observable_of(&self, reading: usize) -> usize {
+        self.starts.partition_point(|start| *start <= reading) - 1
     }
 }
 
@@ -267,7 +277,7 @@ impl<'a> Likelihood<'a> {
         let k = emulator.basis().ncols();
         let is_warped = measured.warps.iter().any(|warp| warp.is_some());
         let block = |j: usize| {
-            let outputs = j * measured.steps..(j + 1) * measured.steps;
+            let outputs = measured.own(j);
             let rows: Vec<(Vec<f64>, f64)> = outputs
                 .clone()
                 .map(|o| {
@@ -277,7 +287,7 @@ impl<'a> Likelihood<'a> {
                 })
                 .collect();
             let mut block = Block {
-                steps: measured.steps as f64,
+                steps: outputs.len() as f64,
                 ln_base: outputs.clone().map(|o| 2.0 * measured.noise[o].ln()).sum(),
                 identity: Quadratic::zeros(k),
                 beside: Quadratic::zeros(k),
@@ -403,9 +413,8 @@ impl<'a> Likelihood<'a> {
         let residual = self.measured.residual(curve.as_slice());
         let e: Vec<f64> = residual.iter().zip(&self.measured.noise).map(|(r, sd)| r / sd).collect();
         let (mut square, mut gap) = (0.0, vec![0.0; mean.len()]);
-        for ((block, &phi), e) in
-            self.blocks.iter().zip(&noise.correlation).zip(e.chunks(self.measured.steps))
-        {
+        for (j, (block, &phi)) in self.blocks.iter().zip(&noise.correlation).enumerate() {
+            let e = &e[self.measured.own(j)];
             let variance = noise.variance + block.white.0 + noise.scatter * block.white.1;
             let factor = 1.0 / (variance * (1.0 - phi * phi));
             let last = e.len() - 1;

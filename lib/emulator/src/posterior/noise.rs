@@ -27,7 +27,7 @@ pub fn correlated(likelihood: &Likelihood<'_>, points: &[Vec<f64>], measured: &M
     let without = highest(points);
     let of = |j: usize| {
         let Some(place) = likelihood.place_of_correlation(j) else { return false };
-        if measured.steps < FEWEST_STEPS {
+        if measured.own(j).len() < FEWEST_STEPS {
             return false;
         }
         let gains = (1..=18).map(|i| {
@@ -79,11 +79,11 @@ impl ChiSquare {
     }
 }
 
-/// Independent readings of each observable among residuals, shape (observables · steps), by their
+/// Independent readings of each observable among residuals, observable by observable, by their
 /// autocorrelation.
 pub fn independent(residuals: &[f64], measured: &Measured) -> Vec<f64> {
     let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
-    standardised.chunks(measured.steps).map(independent_readings).collect()
+    (0..measured.observables()).map(|j| independent_readings(&standardised[measured.own(j)])).collect()
 }
 
 /// Parameters that a measurement decides: Σ 1 − (posterior sd / prior sd)².

@@ -65,8 +65,8 @@ impl Scatter {
 
         let of_observables = |square: &dyn Fn(usize) -> f64| -> Vec<f64> {
             let observables = 0..measured.observables();
-            let of = |j| (j * measured.steps..(j + 1) * measured.steps).map(square).sum::<f64>();
-            observables.map(|j| of(j) / measured.steps as f64).collect()
+            let of = |j| measured.own(j).map(square).sum::<f64>();
+            observables.map(|j| of(j) / measured.own(j).len() as f64).collect()
         };
         let sizes = of_observables(&|o| residuals.column(o).norm_squared() / n as f64);
         let truncated = of_observables(&|o| (1.0 - share) * emulator.leftover()[o] / base[o].powi(2));
@@ -87,7 +87,7 @@ impl Scatter {
             DVector::from_fn(k, |c, _| pattern.column(c).norm_squared().max(f64::MIN_POSITIVE));
         // Scores are patternᵀ y / |pattern|², whose patterns are orthogonal.
         let projector = DMatrix::from_fn(outputs, k, |o, c| pattern[(o, c)] / weight[c]);
-        let white = DMatrix::from_fn(outputs, k, |o, c| self.white[o / measured.steps] * projector[(o, c)]);
+        let white = DMatrix::from_fn(outputs, k, |o, c| self.white[measured.observable_of(o)] * projector[(o, c)]);
         &self.scores + projector.tr_mul(&white)
     }
 }
@@ -98,7 +98,8 @@ struct Residuals {
     products: Vec<DMatrix<f64>>,
     /// Their mean squares.
     sizes: Vec<f64>,
-    steps: f64,
+    /// Readings of each observable.
+    steps: Vec<f64>,
     /// Variance of the noise that they are measured with.
     noise: f64,
 }
@@ -111,22 +112,22 @@ impl Residuals {
         let count = n.min(MOST_RESIDUALS);
         let some: Vec<usize> = (0..count).map(|i| i * n / count).collect();
         let residuals = residuals.select_rows(&some);
-        let steps = measured.steps;
         let product = |j: usize| {
-            let block = residuals.columns(j * steps, steps);
+            let own = measured.own(j);
+            let block = residuals.columns(own.start, own.len());
             block * block.transpose()
         };
         Self {
             products: (0..sizes.len()).map(product).collect(),
             sizes: sizes.to_vec(),
-            steps: steps as f64,
+            steps: (0..sizes.len()).map(|j| measured.own(j).len() as f64).collect(),
             noise: if measured.is_known { 1.0 } else { 0.0 },
         }
     }
 
     /// The share of the residuals' own covariance, and the factor on it and on the white rest.
     fn best(&self) -> (f64, f64) {
-        let whole = self.steps * self.sizes.iter().sum::<f64>();
+        let whole = self.steps.iter().zip(&self.sizes).map(|(steps, size)| steps * size).sum::<f64>();
         if self.products[0].nrows() < 3 || whole <= NOTHING * self.noise || whole <= 0.0 {
             return (1.0, 1.0);
         }
@@ -160,12 +161,12 @@ impl Residuals {
         let (mut k, mut k_two) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let (mut ln_d, mut trace) = (0.0, 0.0);
         let largest = self.sizes.iter().copied().fold(0.0, f64::max);
-        for (product, size) in self.products.iter().zip(&self.sizes) {
+        for ((product, size), steps) in self.products.iter().zip(&self.sizes).zip(&self.steps) {
             let d = self.noise + factor * (1.0 - share) * size.max(1e-12 * largest);
             k += product / d;
             k_two += product / (d * d);
-            ln_d += self.steps * d.ln();
-            trace += self.steps / d;
+            ln_d += steps * d.ln();
+            trace += steps / d;
         }
         let a = (DMatrix::identity(n, n) + &k * beta).cholesky()?;
         let ln_a = 2.0 * a.l_dirty().diagonal().map(f64::ln).sum();
@@ -198,7 +199,7 @@ mod tests {
     fn residuals(rows: &DMatrix<f64>, noise: f64) -> Residuals {
         let size = rows.norm_squared() / rows.len() as f64;
         let steps = rows.ncols() as f64;
-        Residuals { products: vec![rows * rows.transpose()], sizes: vec![size], steps, noise }
+        Residuals { products: vec![rows * rows.transpose()], sizes: vec![size], steps: vec![steps], noise }
     }
 
     fn smooth(n: usize, outputs: usize) -> DMatrix<f64> {

@@ -251,8 +251,9 @@ impl<'a> Ranked<'a> {
         seed: u64,
     ) -> Result<Surrogate> {
         let runs = self.some(best, others);
-        let noise =
-            measured.is_known.then(|| measured.base.chunks(measured.steps).map(<[f64]>::to_vec).collect());
+        let noise = measured
+            .is_known
+            .then(|| (0..measured.observables()).map(|j| measured.base[measured.own(j)].to_vec()).collect());
         let leftover =
             if measured.is_known { LEFTOVER / measured.values.len() as f64 } else { LEFTOVER_SHARE };
         let options = Options {

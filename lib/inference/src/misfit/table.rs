@@ -1,4 +1,4 @@
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -27,6 +27,24 @@ pub struct Misfits {
     /// An emulator's share of the variance of each run's readings, summed over them, shape (runs,); 0
     /// for runs of the simulator.
     pub ignorance: Vec<f64>,
+}
+
+/// What becomes of a sample that failed in one test and not in the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Partial {
+    /// It is left out.
+    LeftOut,
+    /// It is taken to fit the test in which it failed as well as the others, reading for reading.
+    AsOthers,
+}
+
+/// Samples that a test lacks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Incomplete {
+    /// Table of the test.
+    pub test: String,
+    /// Names of the samples.
+    pub samples: Vec<String>,
 }
 
 /// What one piece of the table holds.
@@ -69,6 +87,141 @@ impl Misfits {
             all.read_one(path, &mut seen)?;
         }
         Ok(all)
+    }
+
+    /// Read misfit tables of one test or several. Tables without a common sample are iterations of one test, as
+    /// for [`Misfits::read`]; a table that has samples of one before it is another test of the same samples.
+    /// Misfits, readings and ignorance of the tests are added; their steps stand behind each other.
+    ///
+    /// Samples that some test lacks are left out, or counted by their other tests where `partial` says so.
+    ///
+    /// # Errors
+    /// See [`Misfits::read`]; also if the noise is known in one test and not in another.
+    pub fn read_tests(paths: &[PathBuf], by_step: bool, partial: Partial) -> Result<(Self, Vec<Incomplete>)> {
+        let [path] = paths else {
+            let tests = Self::by_test(paths, by_step)?;
+            return Self::sum(tests, partial);
+        };
+        Ok((Self::read(std::slice::from_ref(path), by_step)?, Vec::new()))
+    }
+
+    /// The tables of each test, put behind each other.
+    fn by_test(paths: &[PathBuf], by_step: bool) -> Result<Vec<(Self, HashSet<String>)>> {
+        let mut tests: Vec<(Self, HashSet<String>)> = Vec::new();
+        for path in paths {
+            let mut own = HashSet::new();
+            let mut table = Self { by_step: by_step.then(Vec::new), ..Self::default() };
+            table.read_one(path, &mut own)?;
+            let Some((test, seen)) = tests.iter_mut().find(|(_, seen)| seen.is_disjoint(&own)) else {
+                tests.push((table, own));
+                continue;
+            };
+            if test.is_empty() {
+                test.steps.clone_from(&table.steps);
+            }
+            ensure!(
+                table.is_empty() || table.steps == test.steps,
+                "{}: {} steps and not the {} of {}; tables of one test have the same steps, and those of another \
+                 test the same samples",
+                table.source,
+                table.steps.len(),
+                test.steps.len(),
+                test.source
+            );
+            seen.extend(own);
+            test.append(table);
+        }
+        Ok(tests)
+    }
+
+    /// Put the runs of another table of the same test behind.
+    fn append(&mut self, other: Self) {
+        self.samples.extend(other.samples);
+        self.total.extend(other.total);
+        self.mean_error.extend(other.mean_error);
+        self.readings.extend(other.readings);
+        self.expected.extend(other.expected);
+        self.ignorance.extend(other.ignorance);
+        if let (Some(all), Some(more)) = (&mut self.by_step, other.by_step) {
+            all.extend(more);
+        }
+    }
+
+    /// Add the misfits of tests, sample by sample.
+    fn sum(mut tests: Vec<(Self, HashSet<String>)>, partial: Partial) -> Result<(Self, Vec<Incomplete>)> {
+        if tests.len() < 2 {
+            return Ok((tests.pop().map(|(test, _)| test).unwrap_or_default(), Vec::new()));
+        }
+        let is_known = |test: &Self| test.readings.iter().all(|readings| *readings == 0.0);
+        if let Some((other, _)) = tests.iter().find(|(test, _)| is_known(test) != is_known(&tests[0].0)) {
+            let (known, not) = if is_known(other) { (other, &tests[0].0) } else { (&tests[0].0, other) };
+            bail!(
+                "{}: the noise is known, but not in {}; misfits of tests can be added where gl-likelihood was \
+                 given the noise of all of them, or of none",
+                known.source,
+                not.source
+            );
+        }
+        let places: Vec<HashMap<&str, usize>> = tests
+            .iter()
+            .map(|(test, _)| test.samples.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect())
+            .collect();
+        let mut names: Vec<&String> = Vec::new();
+        let mut seen = HashSet::new();
+        for (test, _) in &tests {
+            names.extend(test.samples.iter().filter(|name| seen.insert(name.as_str())));
+        }
+        let mut incomplete: Vec<Incomplete> = tests
+            .iter()
+            .map(|(test, _)| Incomplete { test: test.source.clone(), samples: Vec::new() })
+            .collect();
+        let sizes: Vec<f64> = tests.iter().map(|(test, _)| test.size()).collect();
+        let whole: f64 = sizes.iter().sum();
+        let by_step = tests.iter().all(|(test, _)| test.by_step.is_some());
+        let mut all = Self {
+            source: tests.iter().map(|(test, _)| test.source.as_str()).collect::<Vec<_>>().join(" and "),
+            steps: (0..tests.iter().map(|(test, _)| test.steps.len()).sum()).collect(),
+            by_step: by_step.then(Vec::new),
+            ..Self::default()
+        };
+        for name in names {
+            let found: Vec<Option<usize>> =
+                places.iter().map(|places| places.get(name.as_str()).copied()).collect();
+            let lacks = found.iter().zip(&mut incomplete).filter(|(found, _)| found.is_none());
+            let is_partial = lacks.map(|(_, of)| of.samples.push(name.clone())).count() > 0;
+            if is_partial && partial == Partial::LeftOut {
+                continue;
+            }
+            let has = || tests.iter().zip(&found).filter_map(|((test, _), at)| Some((test, (*at)?)));
+            let seen: f64 = found.iter().zip(&sizes).filter(|(at, _)| at.is_some()).map(|(_, n)| n).sum();
+            let factor = whole / seen;
+            let sum = |of: fn(&Self) -> &[f64]| has().map(|(test, i)| of(test)[i]).sum::<f64>();
+            let count = has().count() as f64;
+            all.samples.push(name.clone());
+            all.total.push(factor * sum(|test| &test.total));
+            all.readings.push(factor * sum(|test| &test.readings));
+            all.expected.push(factor * sum(|test| &test.expected));
+            all.ignorance.push(factor * sum(|test| &test.ignorance));
+            all.mean_error.push(sum(|test| &test.mean_error) / count);
+            if let Some(by_step) = &mut all.by_step {
+                let share = factor * sum(|test| &test.total) / whole;
+                for (((test, _), at), size) in tests.iter().zip(&found).zip(&sizes) {
+                    let steps = test.steps.len();
+                    match (at, &test.by_step) {
+                        (Some(i), Some(own)) => by_step.extend(&own[i * steps..(i + 1) * steps]),
+                        _ => by_step.extend(std::iter::repeat_n(share * size / steps as f64, steps)),
+                    }
+                }
+            }
+        }
+        incomplete.retain(|of| !of.samples.is_empty());
+        Ok((all, incomplete))
+    }
+
+    /// How many readings a run of this test has: the misfit that its noise alone makes, else its steps.
+    fn size(&self) -> f64 {
+        let expected = self.expected.iter().sum::<f64>() / self.len().max(1) as f64;
+        if expected > 0.0 { expected } else { self.steps.len() as f64 }
     }
 
     fn read_one(&mut self, path: &Path, seen: &mut HashSet<String>) -> Result<()> {

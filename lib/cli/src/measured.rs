@@ -1,0 +1,182 @@
+//! What was measured, on the command line: one test, or several.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::misfit::Incomplete;
+use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::stack::{OfTest, Stack, Test, TestTables};
+
+/// The measurement of one test, or of several tests of the same samples.
+#[derive(Args, Clone, Debug)]
+pub struct Measured {
+    /// Table of the measurement
+    #[arg(short = 'b', long, value_name = "FILE", required_unless_present = "test")]
+    observations: Option<PathBuf>,
+    /// Column of the control
+    #[arg(short, long, value_name = "NAME", required_unless_present = "test")]
+    control: Option<String>,
+    /// Columns of the observables
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required_unless_present = "test")]
+    observables: Vec<String>,
+    /// Standard deviation of each observable's noise; by default the _sd columns, else estimated with the fit
+    #[arg(long, value_name = "NAME=SD,…")]
+    noise: Option<ByName>,
+    /// A test, instead of -b -c -v --noise; repeat for several. Its ensemble is then given as NAME=ENSEMBLE, and
+    /// its observables are called NAME.OBSERVABLE
+    #[arg(
+        long,
+        value_name = "NAME:OBS:CONTROL:OBSERVABLES[:NOISE[:STEPS]]",
+        conflicts_with_all = ["observations", "control", "observables", "noise"]
+    )]
+    test: Vec<TestTables>,
+}
+
+/// What [`Measured`] names, read.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// The measurement; that of all tests behind each other where there are several.
+    pub observations: Observations,
+    /// Standard deviation of its noise, shape (observables, steps), where it is known.
+    pub noise: Option<Vec<Vec<f64>>>,
+    /// The tests, where they are given as such.
+    pub stack: Option<Stack>,
+}
+
+/// One test with its runs.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Its name; empty where there is only one.
+    pub name: String,
+    /// The first of its compared steps in the table of its measurement.
+    pub first: usize,
+    /// Its measurement at the compared steps.
+    pub observations: Observations,
+    /// Standard deviation of its noise, shape (observables, compared steps), where it is known.
+    pub noise: Option<Vec<Vec<f64>>>,
+    /// Its runs at the compared steps.
+    pub ensemble: Ensemble,
+}
+
+/// Which samples the tests lack.
+fn say(tool: &str, incomplete: &[Incomplete]) {
+    for Incomplete { test, samples } in incomplete {
+        let (count, first) = (samples.len(), &samples[0]);
+        let named = if count == 1 { first.clone() } else { format!("{count} samples, {first} first,") };
+        crate::note(tool, format_args!("{named} failed in the test {test}: left out"));
+    }
+}
+
+/// `NAME=FILE` of each table.
+fn of_tests(tables: &[PathBuf]) -> Result<Vec<OfTest>> {
+    let parse = |path: &PathBuf| {
+        let text = path.to_str().with_context(|| format!("{}: no UTF-8", path.display()))?;
+        text.parse::<OfTest>()
+    };
+    tables.iter().map(parse).collect()
+}
+
+impl Measured {
+    /// Read the tables of the measurement.
+    ///
+    /// # Errors
+    /// See [`Observations::read`] and [`Stack::read`].
+    pub fn read(&self) -> Result<Measurement> {
+        if !self.test.is_empty() {
+            let stack = Stack::read(&self.test)?;
+            let (observations, noise) = (stack.observations.clone(), stack.noise.clone());
+            return Ok(Measurement { observations, noise, stack: Some(stack) });
+        }
+        let (Some(file), Some(control)) = (&self.observations, &self.control) else {
+            anyhow::bail!("name a measurement with -b, -c and -v, or tests with --test");
+        };
+        let observations = Observations::read(file, control, &self.observables)?;
+        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        Ok(Measurement { observations, noise, stack: None })
+    }
+
+    /// Whether several tests are given.
+    pub fn is_stack(&self) -> bool {
+        !self.test.is_empty()
+    }
+}
+
+impl Measurement {
+    /// Read the runs: tables of one test behind each other, or `NAME=FILE` where there are tests; `tool` says which
+    /// samples a test lacks.
+    ///
+    /// # Errors
+    /// See [`Ensemble::read`], [`Stack::read_ensembles`] and [`Stack::ensemble`].
+    pub fn ensemble(&self, tool: &str, tables: &[PathBuf]) -> Result<Ensemble> {
+        let Some(stack) = &self.stack else {
+            let Observations { control_name, names, .. } = &self.observations;
+            let ensembles = tables.iter().map(|path| Ensemble::read(path, control_name, names));
+            let ensemble = Ensemble::concatenate(ensembles.collect::<Result<Vec<_>>>()?)?;
+            ensemble.check_steps(&self.observations)?;
+            return Ok(ensemble);
+        };
+        let (ensemble, incomplete) = stack.ensemble(&stack.read_ensembles(&of_tests(tables)?)?)?;
+        say(tool, &incomplete);
+        ensure!(!ensemble.is_empty(), "no sample has a run in all of {} tests", stack.tests.len());
+        Ok(ensemble)
+    }
+
+    /// The tests, each with its compared steps and its runs of the samples that ran in all of them; one without a
+    /// name where `--test` was not given.
+    ///
+    /// # Errors
+    /// As [`Measurement::ensemble`].
+    pub fn parts(&self, tool: &str, tables: &[PathBuf]) -> Result<Vec<Part>> {
+        let Some(stack) = &self.stack else {
+            let (observations, noise) = (self.observations.clone(), self.noise.clone());
+            let ensemble = self.ensemble(tool, tables)?;
+            return Ok(vec![Part { name: String::new(), first: 0, observations, noise, ensemble }]);
+        };
+        let (ensembles, incomplete) = stack.common(&stack.read_ensembles(&of_tests(tables)?)?);
+        say(tool, &incomplete);
+        ensure!(!ensembles[0].is_empty(), "no sample has a run in all of {} tests", stack.tests.len());
+        let part = |(test, ensemble): (&Test, Ensemble)| {
+            let cut = |noise: &Vec<f64>| noise[test.steps.clone()].to_vec();
+            Part {
+                name: test.name.clone(),
+                first: test.steps.start,
+                observations: test.observations.part(test.steps.clone()),
+                noise: test.noise.as_ref().map(|noise| noise.iter().map(cut).collect()),
+                ensemble,
+            }
+        };
+        Ok(stack.tests.iter().zip(ensembles).map(part).collect())
+    }
+
+    /// Refuse steps that are given for all tests at once.
+    ///
+    /// # Errors
+    /// If there are tests, and steps beside them.
+    pub fn steps(&self, steps: Option<Steps>) -> Result<std::ops::Range<usize>> {
+        ensure!(
+            steps.is_none() || self.stack.is_none(),
+            "--steps: with --test each test has its own; give NAME:OBS:CONTROL:OBSERVABLES:NOISE:A:B"
+        );
+        steps.unwrap_or(Steps::ALL).within(self.observations.steps())
+    }
+}
+
+/// `ENSEMBLE,WEIGHTS`, or with tests `NAME=ENSEMBLE,NAME=ENSEMBLE,…,WEIGHTS`.
+///
+/// # Errors
+/// If there is no comma.
+pub fn ensembles_and_weights(text: &str) -> Result<(Vec<PathBuf>, PathBuf)> {
+    let (ensembles, weights) = text.rsplit_once(',').with_context(|| {
+        format!("{text:?} is not ENSEMBLE,WEIGHTS, or NAME=ENSEMBLE,…,WEIGHTS with --test")
+    })?;
+    let is_of_test = |part: &str| part.parse::<OfTest>().is_ok();
+    // A file may have a comma in its name; tests have one a table.
+    let ensembles = if ensembles.split(',').all(is_of_test) {
+        ensembles.split(',').map(PathBuf::from).collect()
+    } else {
+        vec![Path::new(ensembles).to_owned()]
+    };
+    Ok((ensembles, weights.into()))
+}
