@@ -5,8 +5,8 @@
     compare.py pyvbmc DATA two ridge six
 
 Each reads the measurements and true posteriors that `coverage --export` wrote. Right is: every mean within 0.25 true
-standard deviations of the true one and every standard deviation within 20 %. GrainLearning goes on with its default settings
-(an effective share of 0.3, 10 d ln d samples an iteration, at least 10) for up to 8 iterations, `right_at` is the
+standard deviations of the true one and every standard deviation within 20 %. GrainLearning goes on for up to 8 iterations
+(an effective share of 0.3, 10 d ln d samples an iteration and at least 10, five components, slice sampling), `right_at` is the
 first at which it is right; pyvbmc until it stops by itself.
 """
 
