@@ -81,8 +81,8 @@ impl FromStr for Tables {
 impl Tables {
     /// The tests, and the calibration of each.
     fn read(&self, measurement: &Measurement) -> Result<(Vec<Part>, Vec<Calibrated>)> {
-        let weights = Weights::read(&self.weights)?;
         let parts = measurement.parts("gl-gap-shrink", &self.ensembles)?;
+        let weights = Weights::read(&self.weights)?;
         let of = |part: &Part| Calibrated { ensemble: part.ensemble.clone(), weights: weights.clone() };
         let calibrated = parts.iter().map(of).collect();
         Ok((parts, calibrated))
