@@ -105,7 +105,7 @@ pub(crate) fn weighed_runs(parameters: usize) -> usize {
     10 * (parameters + 1)
 }
 
-/// Runs of a design in all: as the case says, else 15 for each parameter, those of effects too.
+/// Runs of a design in all: as the case says, else 25 for each parameter, those of effects too.
 pub(crate) fn runs_of_design(case: &Case, prior: &Prior) -> usize {
-    case.design_num.unwrap_or(15 * prior.parameters().len())
+    case.design_num.unwrap_or(25 * prior.parameters().len())
 }

@@ -227,7 +227,7 @@ impl Bench {
             })
             .collect::<Vec<Option<_>>>();
         let names = sample_names(self.name, iteration, values.len())?;
-        let empty = self.observations("design", vec![Vec::new(); self.observables]);
+        let empty = self.observations("design", vec![vec![0.0; self.steps.len()]; self.observables]);
         let mut ensemble = Ensemble::new(&empty, false);
         for (name, curves) in names.iter().zip(&curves) {
             if let Some(curves) = curves {

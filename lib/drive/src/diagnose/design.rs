@@ -199,26 +199,25 @@ impl Round<'_> {
 
     /// The tables of all rounds so far, and of the runs of the base model that lie in the box: there every effect is off.
     fn gather(&self) -> Result<()> {
-        let base = self.diagnosis.file("base");
-        let of_all = |name: &str| -> Vec<PathBuf> {
-            let iterations = (0..).map(|i| base.join(format!("iter{i}")));
-            let iterations = iterations.take_while(|folder| folder.join("ensemble.txt").exists());
-            iterations
-                .chain((0..=self.number).map(|r| self.diagnosis.round(r)))
-                .map(|f| f.join(name))
-                .collect()
-        };
         let target = self.file("all-ensemble.txt");
-        if is_current(&target, &of_all("ensemble.txt"))? {
+        if is_current(&target, &self.tables("ensemble", true))? {
             return Ok(());
         }
-        let wanted = self.in_box(&of_all("samples.txt"))?;
+        let wanted = self.in_box(&self.tables("samples", true))?;
         for (table, column) in [("samples", "description"), ("status", "sample"), ("ensemble", "sample")] {
             let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
-            let target = self.file(&format!("all-{table}.txt"));
-            join(&of_all(&format!("{table}.txt")), &target, Some(&wanted))?;
+            join(&self.tables(table, true), &self.file(&format!("all-{table}.txt")), Some(&wanted))?;
         }
         Ok(())
+    }
+
+    /// The tables of this name of the base calibration's iterations, and of the rounds so far.
+    fn tables(&self, name: &str, with_rounds: bool) -> Vec<PathBuf> {
+        let base = self.diagnosis.file("base");
+        let iterations = (0..).map(|i| base.join(format!("iter{i}")));
+        let iterations = iterations.take_while(|folder| folder.join("ensemble.txt").exists());
+        let rounds = (0..=self.number).filter(|_| with_rounds).map(|r| self.diagnosis.round(r));
+        iterations.chain(rounds).map(|folder| folder.join(format!("{name}.txt"))).collect()
     }
 
     /// Names of the samples of these tables that are of the design, or of the base model and in its box.
@@ -307,9 +306,16 @@ impl Round<'_> {
 }
 
 impl Diagnosis<'_> {
-    /// Runs of the design in all.
+    /// Runs of the design in all: where the case does not say, those of the base model that lie in the first box count
+    /// for it, up to two fifths.
     fn runs(&self) -> Result<usize> {
-        Ok(runs_of_design(self.case, &Prior::read(&self.case.params())?))
+        let all = runs_of_design(self.case, &Prior::read(&self.case.params())?);
+        if self.case.design_num.is_some() {
+            return Ok(all);
+        }
+        let first = Round { diagnosis: self, number: 0, folder: self.round(0) };
+        let there = first.in_box(&first.tables("samples", false))?;
+        Ok(all - there.len().min(all * 2 / 5))
     }
 }
 

@@ -87,7 +87,8 @@ impl Scatter {
             DVector::from_fn(k, |c, _| pattern.column(c).norm_squared().max(f64::MIN_POSITIVE));
         // Scores are patternᵀ y / |pattern|², whose patterns are orthogonal.
         let projector = DMatrix::from_fn(outputs, k, |o, c| pattern[(o, c)] / weight[c]);
-        let white = DMatrix::from_fn(outputs, k, |o, c| self.white[measured.observable_of(o)] * projector[(o, c)]);
+        let white =
+            DMatrix::from_fn(outputs, k, |o, c| self.white[measured.observable_of(o)] * projector[(o, c)]);
         &self.scores + projector.tr_mul(&white)
     }
 }

@@ -154,25 +154,32 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
     let variance: Vec<f64> = model.curve(w).variance.iter().map(|v| v / HEAVY_TAILS).collect();
     let (_, slopes) = model.gradient(w);
     let residual = DVector::from_vec(model.residual(fitted.mean));
-    let errors = problem.emulator_errors(&variance);
+    let errors = problem.emulator_errors(&variance).columns(0, variance.len()).into_owned();
     let mut unit = DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
     if right {
-        // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E. What the components leave
-        // out is small beside the noise, and stays as it is drawn.
-        let told = errors.columns(0, variance.len());
-        let mut columns = told.clone_owned().insert_column(told.ncols(), 0.0);
-        columns.set_column(told.ncols(), &residual);
+        // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E.
+        let mut columns = errors.clone().insert_column(errors.ncols(), 0.0);
+        columns.set_column(errors.ncols(), &residual);
         let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&columns))?;
-        let product = told.tr_mul(&solved);
-        let left = DMatrix::identity(told.ncols(), told.ncols()) - product.columns(0, told.ncols());
+        let product = errors.tr_mul(&solved);
+        let left = DMatrix::identity(errors.ncols(), errors.ncols()) - product.columns(0, errors.ncols());
         let eigen = SymmetricEigen::new((&left + left.transpose()) * 0.5);
         let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
-        let mut drawn = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit.rows(0, told.ncols());
-        drawn.column_iter_mut().for_each(|mut column| column += product.column(told.ncols()));
-        unit.rows_mut(0, told.ncols()).copy_from(&drawn);
+        unit = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit;
+        unit.column_iter_mut().for_each(|mut column| column += product.column(errors.ncols()));
     }
     let mut real = -(&errors * unit);
     real.column_iter_mut().for_each(|mut column| column += &residual);
+    if right {
+        // What the components leave out of a reading, given its sum with the noise.
+        let scales = model.nuisances(w).scales;
+        for (i, left_out) in problem.predictor.left_over().iter().enumerate() {
+            let noise = (scales[i / problem.steps()] * problem.units[i]).powi(2);
+            let share = left_out / (left_out + noise);
+            let sd = (share * noise).sqrt();
+            real.row_mut(i).apply(|r| *r = (1.0 - share) * *r + sd * standard_normal(random));
+        }
+    }
     let plain = model.plain();
     absorb(&plain, &w[..plain.len()], &slopes, &mut real)?;
     let seen = DVector::from_column_slice(&problem.observed);
