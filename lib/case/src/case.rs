@@ -90,6 +90,8 @@ pub enum Posterior {
 pub struct Case {
     /// Its folder.
     pub folder: PathBuf,
+    /// The settings of this call, KEY=VALUE as they were given.
+    pub given: Vec<String>,
     /// First part of the name of each run.
     pub name: String,
     /// What was measured; one test at present.
@@ -194,7 +196,8 @@ impl Case {
             }
         }
         let file: File = table.try_into().with_context(|| source.to_owned())?;
-        Self::from_file(folder, source, file, command, places)
+        let case = Self::from_file(folder, source, file, command, places)?;
+        Ok(Self { given: given.iter().map(|text| text.as_ref().to_owned()).collect(), ..case })
     }
 
     fn from_file(
@@ -215,6 +218,7 @@ impl Case {
         };
         let iterations = if posterior == Posterior::Emulator { BATCHES } else { ITERATIONS };
         Ok(Self {
+            given: Vec::new(),
             folder: folder.to_owned(),
             name,
             tests: vec![test],

@@ -60,6 +60,11 @@ impl Shell {
         Ok(Some(Table::read(file)?.numbers(column)?))
     }
 
+    /// What the steps come from, for messages: the measurement to follow, or the flag that says how far they go.
+    pub fn origin(&self, flag: &str) -> String {
+        self.observations.as_ref().map_or(flag.to_owned(), |path| gl_table::source_name(path))
+    }
+
     /// Do what was asked for in this world; `tool` is named in messages.
     ///
     /// # Errors
@@ -76,7 +81,7 @@ impl Shell {
         let (Some(samples), Some(dir)) = (&self.samples, &self.dir) else {
             bail!("name a table of samples with -s, and a folder for the runs");
         };
-        let report = world::run_samples(world, &Samples::read(samples)?, dir)?;
+        let report = world::run_samples(world, &Samples::from_table(&Table::read(samples)?)?, dir)?;
         for message in report.messages() {
             crate::note(tool, message);
         }

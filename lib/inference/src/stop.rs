@@ -37,7 +37,7 @@ pub struct Criterion {
     #[serde(rename = "met", serialize_with = "yes_no")]
     pub is_met: bool,
     /// Whether it is no reason by itself: only where all of these are met is there one, `settled`.
-    #[serde(skip)]
+    #[serde(rename = "part", serialize_with = "yes_no")]
     pub is_part: bool,
 }
 
@@ -98,7 +98,7 @@ pub fn criteria(
         let Some(iteration) = iteration else {
             bail!("--max-iterations needs --iteration, the number of this one")
         };
-        let (value, tolerance) = ((iteration + 1) as f64, most as f64);
+        let (value, tolerance) = (iteration as f64 + 1.0, most as f64);
         criteria.push(Criterion::new("iterations", value, tolerance, value >= tolerance));
     }
     Ok(criteria)
@@ -298,13 +298,18 @@ fn parameter_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
             );
         }
     }
+    leaning_verdicts(summary, verdicts);
+}
+
+/// `leans`, for each parameter whose posterior leans on a bound.
+pub fn leaning_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
     for parameter in &summary.parameters {
         if let Some(side) = parameter.leaning_side() {
             let name = &parameter.name;
             verdicts.add(
                 "leans",
                 name,
-                format!("{name} leans on its {side} bound: the truth may lie outside"),
+                format!("{name} leans on its {side} bound; the truth may lie outside"),
             );
         }
     }

@@ -116,9 +116,10 @@ impl Calibration {
         let last =
             iterations.last().with_context(|| format!("{}: no iteration is finished", folder.display()))?;
         let stop = Table::read(&last.join("stop.txt"))?;
-        let (criterion, met) = (stop.format().column("criterion")?, stop.format().column("met")?);
-        // These are only together a reason to stop, as `settled`.
-        let is_part = |row| ["ignorance", "shift", "spread", "proof"].contains(&stop.field(row, criterion));
+        let met = stop.format().column("met")?;
+        // Some are only together a reason to stop.
+        let part = stop.format().find("part")?;
+        let is_part = |row| part.is_some_and(|part| stop.field(row, part) == "yes");
         let is_done = (0..stop.len()).any(|row| stop.field(row, met) == "yes" && !is_part(row));
         let tempered = iterations.iter().map(|iteration| Known::read(iteration.join("summary.txt")));
         Ok(Self {

@@ -21,9 +21,9 @@ const NUMBERS: [&str; 24] = [
     "1e308",
     "1e200",
     "1e-200",
-    "inf",
+    "Inf",
     "nan",
-    "-inf",
+    "-Inf",
     "4294967296",
     "18446744073709551615",
     "18446744073709551616",
@@ -33,8 +33,22 @@ const NUMBERS: [&str; 24] = [
     "0:99",
     "5:5",
 ];
-const WORDS: [&str; 14] =
-    ["", " ", "a b", ",", "y,", "y,y", "y=1,y=2", "x", "y=", "=y", "offset,offset", "nowhere/x", "-", "noise"];
+const WORDS: [&str; 14] = [
+    "",
+    " ",
+    "a b",
+    ",",
+    "y,",
+    "y,y",
+    "y=1,y=2",
+    "x",
+    "y=",
+    "=y",
+    "offset,offset",
+    "nowhere/x",
+    "-",
+    "noise",
+];
 
 /// Replace a value, repeat a name, or add a flag that the tool has.
 pub fn spoil(rng: &mut ChaCha8Rng, call: &Call, words: &mut Vec<String>) {

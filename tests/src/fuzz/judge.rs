@@ -90,7 +90,9 @@ impl<'a> Outcome<'a> {
         let mut words = words.iter().skip(1).chain([&stdin]);
         let is_clear = said.starts_with("error: ")
             || names.into_iter().any(|name| said.contains(&name))
-            || words.any(|word| word.split(',').any(|part| said.contains(&format!(": {part}: "))));
+            || words.any(|word| {
+                word.split(',').chain([word.as_str()]).any(|part| said.contains(&format!(": {part}: ")))
+            });
         (!is_clear).then(|| "a message that names no file and no flag".to_owned())
     }
 }

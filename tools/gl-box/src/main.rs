@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use gl_cli::about;
 use gl_gap::design_box::{narrow, read_leans, widen};
 use gl_inference::prior::Prior;
 use gl_inference::weights::Weights;
@@ -57,14 +58,15 @@ Example:
 fn run(args: &Args) -> Result<bool> {
     match &args.what {
         What::Narrow { params, output, weights } => {
-            let narrowed = narrow(&Prior::read(params)?, &Weights::read(weights)?)?;
+            let narrowed = about(narrow(&Prior::read(params)?, &Weights::read(weights)?), [weights, params])?;
             narrowed.write(output.as_deref())?;
             Ok(true)
         }
         What::Widen { params, narrowed, output, posterior } => {
-            let narrowed = Prior::read(narrowed)?;
-            let wider = widen(&Prior::read(params)?, &narrowed, &read_leans(posterior)?)?;
-            wider.as_ref().unwrap_or(&narrowed).write(output.as_deref())?;
+            let (prior, within) = (Prior::read(params)?, Prior::read(narrowed)?);
+            let wider =
+                about(widen(&prior, &within, &read_leans(posterior)?), [narrowed, params, posterior])?;
+            wider.as_ref().unwrap_or(&within).write(output.as_deref())?;
             Ok(wider.is_some())
         }
     }

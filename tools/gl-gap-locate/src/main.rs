@@ -87,5 +87,9 @@ fn write(path: Option<&Path>, stretches: &[Stretch], observations: &Observations
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-gap-locate", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-gap-locate",
+        gl_cli::about(run(&args), [&args.ensemble, &args.weights, &args.observations]),
+    )
 }

@@ -22,7 +22,7 @@ struct Args {
     /// The table of the samples that were run
     #[arg(value_name = "SAMPLES")]
     samples: PathBuf,
-    /// Folder with their <description>_sim.txt and <description>_param.txt
+    /// Folder with their `<description>_sim.txt` and `<description>_param.txt`
     #[arg(value_name = "RUNS")]
     runs: PathBuf,
     /// Number of this iteration, from 0

@@ -9,6 +9,7 @@ use gl_inference::observations::{ByName, Observations};
 use gl_inference::predict::predict;
 use gl_inference::weights::Weights;
 
+use crate::input::check_panels;
 use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
@@ -71,6 +72,7 @@ const MOST_BARS: usize = 60;
 impl Fit {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
         let ensemble = Ensemble::read_by_header(&self.ensemble, self.control.as_deref(), &self.observables)?;
+        check_panels(&ensemble.source, ensemble.observables.len())?;
         let observations =
             Observations::read(&self.observations, &ensemble.control_name, &ensemble.observables)?;
         let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;

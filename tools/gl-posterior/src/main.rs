@@ -46,7 +46,7 @@ struct Args {
     weights: Option<ByName>,
     /// Share of the variance of the simulation's scatter that the measurement has too; by default estimated
     /// with the fit, between 0 and 1
-    #[arg(long, value_name = "F", value_parser = gl_cli::not_negative)]
+    #[arg(long, value_name = "F", value_parser = gl_cli::scatter)]
     scatter: Option<f64>,
     /// Take the noise as it is stated, however correlated or large the residuals are
     #[arg(long)]
@@ -58,13 +58,13 @@ struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Number of draws
-    #[arg(short = 'n', long, value_name = "DRAWS", default_value_t = 1000)]
+    #[arg(short = 'n', long, value_name = "DRAWS", default_value_t = 1000, value_parser = gl_cli::few)]
     num: usize,
     /// Where the samples to run next go
     #[arg(long, value_name = "FILE", requires = "next")]
     next_out: Option<PathBuf>,
     /// Number of samples to run next
-    #[arg(long, value_name = "N", requires = "next_out")]
+    #[arg(long, value_name = "N", requires = "next_out", value_parser = gl_cli::few)]
     next: Option<usize>,
     /// Name of the samples to run next
     #[arg(long, value_name = "NAME", default_value = "gl")]
@@ -172,5 +172,12 @@ fn next(args: &Args, inference: &Inference, count: usize, iteration: usize) -> R
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-posterior", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-posterior",
+        gl_cli::about(
+            run(&args),
+            args.ensembles.iter().chain(&args.samples).chain([&args.params, &args.observations]),
+        ),
+    )
 }

@@ -110,5 +110,6 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-sample", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish("gl-sample", gl_cli::about(run(&args), [&args.params]))
 }
