@@ -41,7 +41,7 @@ struct Args {
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
     /// Share of the variance of the simulation's scatter that is in the _sd columns
-    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Seed of the places that the training starts from
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -55,7 +55,7 @@ struct Args {
     max_effects: usize,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
-    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Also write the probability of each effect to be in: effect, probability
     #[arg(long, value_name = "FILE")]

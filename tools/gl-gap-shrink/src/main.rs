@@ -46,7 +46,7 @@ struct Args {
     noise: Option<ByName>,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
-    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Seed of the interval's replicates; the same seed gives the same interval on every machine
     #[arg(long, default_value_t = 1)]

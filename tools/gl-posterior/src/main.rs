@@ -46,7 +46,7 @@ struct Args {
     weights: Option<ByName>,
     /// Share of the variance of the simulation's scatter that the measurement has too; by default estimated
     /// with the fit, between 0 and 1
-    #[arg(long, value_name = "F", value_parser = gl_cli::scatter)]
+    #[arg(long, value_name = "F", value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: Option<f64>,
     /// Take the noise as it is stated, however correlated or large the residuals are
     #[arg(long)]
