@@ -373,6 +373,20 @@ fn messages_about_numbers_name_their_file() {
 }
 
 #[test]
+fn a_summary_beyond_what_can_be_calculated_with_is_refused() {
+    let folder = Folder::default();
+    folder.write("summary.txt", "quantity value\nsigma 1\nbest_error 1e308\n");
+    folder.refuses(
+        "gl-check-stop --sigma-tol 1 summary.txt",
+        &["summary.txt:3: column value: best_error: 1e308"],
+    );
+    folder.write("summary.txt", "quantity value\nsigma 1\nsigma_noise -5e-324\n");
+    let output = folder.call("gl-check-stop --sigma-tol 1 summary.txt", "");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("inf"));
+}
+
+#[test]
 fn noise_beyond_numbers_makes_no_measurement() {
     let folder = Folder::default();
     folder.refuses("gl-contact --curve E_m=9.3 --noise f=1e308 -o obs.txt", &["f"]);

@@ -16,6 +16,8 @@ absent. A run fails alone if its parameters make no sense: it is named on stderr
 The exit code is 2 only if every run failed, or nothing could be run.";
 
 /// What to run, and where it goes.
+// A help text is no Markdown.
+#[allow(rustdoc::invalid_html_tags)]
 #[derive(Args)]
 pub struct Shell {
     /// Table of samples: run each, unless its files are complete already

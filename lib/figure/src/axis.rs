@@ -107,7 +107,7 @@ impl Span {
         Self { low: self.low.min(value), high: self.high.max(value), ..self }
     }
 
-    /// Place of a value: 0 at the lower end, 1 at the upper one; within [`FAR`] of them.
+    /// Place of a value: 0 at the lower end, 1 at the upper one; within ten thousand lengths of them.
     pub fn place(&self, value: f64) -> f64 {
         let place = if self.log {
             (value.ln() - self.low.ln()) / self.ln_range()

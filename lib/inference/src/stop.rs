@@ -223,8 +223,8 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
         );
     }
     let noise = criteria.iter().find(|c| c.name == "sigma_noise");
-    if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {
-        let times = noise.value / noise.tolerance;
+    let times = noise.map(|noise| noise.value / noise.tolerance);
+    if let Some(times) = times.filter(|times| *times > 1.0 + 1e-9 && times.is_finite()) {
         verdicts.add(
             "sigma-above-noise",
             times,

@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::filter::{Noise, Runs, Weighting};
 use crate::prior::normal_quantile;
 use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
-use gl_table::{Table, parse_number, push_number, text, write_rows};
+use gl_table::{LARGEST, Table, parse_number, push_number, text, write_rows};
 
 /// One row of a summary table.
 #[derive(Serialize, Deserialize)]
@@ -210,6 +210,10 @@ impl Summary {
                 summary.best_sample = Some(value);
             } else if let Some(place) = summary.place(&quantity, &mut places) {
                 *place = match parse_number(&value) {
+                    Ok(number) if number.abs() > LARGEST => {
+                        let problem = format_args!("{quantity}: {number:e} is too large to calculate with");
+                        return table.fail(row, "value", problem);
+                    }
                     Ok(number) => Some(number),
                     Err(problem) => return table.fail(row, "value", format_args!("{quantity}: {problem}")),
                 };

@@ -30,7 +30,7 @@ impl Call {
     }
 }
 
-const LINES: [(f64, &str); 43] = [
+const LINES: [(f64, &str); 46] = [
     (2.0, "gl-sample -p params.txt -n 20 --seed 3 --method sobol -o out.txt"),
     (1.0, "gl-sample -p effects-params.txt -n auto --effects switch -o out.txt"),
     (3.0, "gl-collect -s samples.txt -b obs.txt -c x -v y runs -o out.txt --status status.txt"),
@@ -113,6 +113,9 @@ const LINES: [(f64, &str); 43] = [
     (1.0, "gl-check case"),
     (1.0, "gl-blind outcome -p effects-params.txt --answer truth.txt attribution.txt -o out.txt"),
     (1.0, "gl-run status samples.txt runs"),
+    (1.0, "gl-blind truth -p effects-params.txt --seed 3 --specimens 2 -o out.txt"),
+    (1.0, "gl-blind measure -c x -v y --noise y=0.1 ensemble.txt -o out.txt"),
+    (1.0, "gl-triaxial --curve phi_c=32 --noise q=2 --seed 1 --steps 8 -o out.txt"),
 ];
 
 const EFFECTS: &str = "name lower upper effect off\na 0 2 - -\nbend 0.1 2 bending 0\n";

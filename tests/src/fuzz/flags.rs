@@ -69,11 +69,9 @@ pub fn spoil(rng: &mut ChaCha8Rng, call: &Call, words: &mut Vec<String>) {
                 _ if is_output => (*["", "nowhere/out.txt", ".", "obs.txt"].choose(rng).unwrap()).to_owned(),
                 _ => value(rng),
             };
-        } else if let Some(flag) = call.flags.choose(rng) {
-            if flag != "--output" {
-                words.push(flag.clone());
-                words.push(value(rng));
-            }
+        } else if let Some(flag) = call.flags.choose(rng).filter(|flag| *flag != "--output") {
+            words.push(flag.clone());
+            words.push(value(rng));
         }
     }
 }

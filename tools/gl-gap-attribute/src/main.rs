@@ -1,5 +1,8 @@
 //! Say which effect, if any, explains the gap between a simulation and a measurement.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,5 +1,8 @@
 //! Take runs that were made elsewhere through one iteration of a calibration.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -22,7 +25,7 @@ struct Args {
     /// The table of the samples that were run
     #[arg(value_name = "SAMPLES")]
     samples: PathBuf,
-    /// Folder with their `<description>_sim.txt` and `<description>_param.txt`
+    /// Folder with their <description>_sim.txt and <description>_param.txt
     #[arg(value_name = "RUNS")]
     runs: PathBuf,
     /// Number of this iteration, from 0
