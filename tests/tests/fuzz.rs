@@ -11,7 +11,7 @@ use std::thread;
 use pipelines::fuzz::World;
 
 /// So many cases are run always.
-const CASES: u64 = 2000;
+const CASES: u64 = 3000;
 /// Failures after which there is no need of more.
 const ENOUGH: usize = 200;
 

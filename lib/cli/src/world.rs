@@ -78,7 +78,8 @@ impl Shell {
         }
         if let Some(values) = &self.curve {
             let noise = self.noise.clone().unwrap_or_default();
-            return world::write_curve(world, values, &noise, self.seed, output);
+            let written = world::write_curve(world, values, &noise, self.seed, output);
+            return crate::about(written, [&PathBuf::from("--curve")]);
         }
         let (Some(samples), Some(dir)) = (&self.samples, &self.dir) else {
             bail!("name a table of samples with -s, and a folder for the runs");
