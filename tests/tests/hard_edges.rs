@@ -197,6 +197,10 @@ fn absurd_numbers_of_samples_are_refused() {
     for n in ["1000000000", "18446744073709551615"] {
         folder.refuses(&format!("gl-sample -p params.txt -n {n} -o many.txt"), &["-n", n]);
     }
+    folder.refuses(
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --next 100000 --next-out n.txt ensemble.txt",
+        &["--next 100000: give at most 1000"],
+    );
 }
 
 #[test]

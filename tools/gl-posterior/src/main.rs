@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Parser;
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::ensemble::Ensemble;
@@ -100,6 +100,9 @@ const EXAMPLE: &str = "Example:
     --noise f=0.02 --summary posterior.txt --next 4 --next-out next.txt \\
     ensemble.txt -o draws.txt";
 
+/// The most samples to run next: their covariances are held.
+const MOST_NEXT: usize = 1000;
+
 fn run(args: &Args) -> Result<()> {
     let outputs =
         [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
@@ -113,6 +116,9 @@ fn run(args: &Args) -> Result<()> {
     let ensemble = Ensemble::concatenate(ensembles.collect::<Result<Vec<_>>>()?)?;
     ensemble.check_steps(&observations)?;
     ensure!(args.num >= 2, "-n {}: give at least 2 draws", args.num);
+    if let Some(next) = args.next.filter(|next| *next > MOST_NEXT) {
+        bail!("--next {next}: give at most {MOST_NEXT}, which are chosen by what they tell together");
+    }
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
 
     let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
