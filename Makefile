@@ -111,7 +111,9 @@ bench: build
 man: build
 	@mkdir -p out/man
 	@for tool in $(TOOLS); do for kind in man bash zsh fish; do \
-	     $(BIN)/$$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; done
+	     $(BIN)/$$tool --generate $$kind >out/man/$$tool.$${kind/man/1} || exit; done; \
+	 for kind in $$($(BIN)/$$tool --generate kinds); do \
+	     $(BIN)/$$tool --generate man $$kind >out/man/$$tool-$$kind.1 || exit; done; done
 
 ## make install PREFIX=…            tools, scripts, examples, manual pages and completions
 install: man
@@ -120,7 +122,8 @@ install: man
 	@install $(INSTALL_OPTIONS) $(TOOLS:%=$(BIN)/%) $(DESTDIR)$(PREFIX)/bin
 	@cp -r scripts examples $(SHARE)/gl
 	@for tool in $(TOOLS); do \
-	     install -m 644 out/man/$$tool.1 $(SHARE)/man/man1/; \
+	     for kind in '' $$($(BIN)/$$tool --generate kinds | sed s/^/-/); do \
+	         install -m 644 out/man/$$tool$$kind.1 $(SHARE)/man/man1/; done; \
 	     install -m 644 out/man/$$tool.bash $(SHARE)/bash-completion/completions/$$tool; \
 	     install -m 644 out/man/$$tool.zsh $(SHARE)/zsh/site-functions/_$$tool; \
 	     install -m 644 out/man/$$tool.fish $(SHARE)/fish/vendor_completions.d/; done

@@ -24,6 +24,11 @@ impl Default for Folder {
 }
 
 impl Folder {
+    /// Leave it where it is, and say where.
+    pub fn keep(self) -> PathBuf {
+        self.0.keep()
+    }
+
     /// The path of a file in it.
     pub fn path(&self, file: &str) -> PathBuf {
         self.0.path().join(file)

@@ -3,6 +3,7 @@
 pub mod calibration;
 pub mod coverage;
 pub mod folder;
+pub mod fuzz;
 pub mod line;
 pub mod packed;
 pub mod withheld;

@@ -474,3 +474,48 @@ fn the_page_on_calibration_names_the_settings_that_there_are() {
     known.sort_unstable();
     assert_eq!(named, known);
 }
+
+#[test]
+fn an_iteration_by_hand_keeps_out_of_a_folder_in_which_a_driver_works() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[]);
+    folder.run("gl-sample -p case/params.txt -n 8 --name collision -o mine.txt");
+    folder.run("gl-contact -s mine.txt mine");
+    folder.write("out/.lock", "");
+    let mut holder =
+        Command::new("flock").arg(folder.path("out/.lock")).args(["sleep", "60"]).spawn().unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let call =
+        || driver(&folder, "gl-iterate").args(["case", "mine.txt", "mine", "--out", "out"]).output().unwrap();
+    let refused = call();
+    holder.kill().unwrap();
+    holder.wait().unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stderr));
+    assert!(!folder.path("out/iter0").exists());
+}
+
+#[test]
+fn settings_of_the_cluster_for_a_call_reach_its_jobs() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &SMALL);
+    folder.write("pbs/calls", "");
+    let path =
+        format!("{}:{}", root().join("tests/scripts/fake-pbs").display(), pipelines::path_with_tools());
+    let output = calibrate(&folder, "pbs", "out")
+        .args(["--no-wait", "cluster.partition=short", "model=cat {E_m}"])
+        .env("PATH", path)
+        .env("FAKE_PBS", folder.path("pbs"))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert!(folder.read("pbs/calls").contains("short"), "{}", folder.read("pbs/calls"));
+    // Its jobs end before their folder does.
+    let is_busy = || {
+        fs::read_dir(folder.path("pbs"))
+            .unwrap()
+            .any(|job| job.unwrap().file_name().to_string_lossy().ends_with(".fake"))
+    };
+    while is_busy() {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+}

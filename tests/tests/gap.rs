@@ -288,7 +288,10 @@ fn bad_input_is_refused_with_its_place() {
         &shrink("obs.txt", "half.tsv,weights.tsv --calibrated :"),
         &["--calibrated", "saw them all"],
     );
-    assert_refused(&shrink("obs.txt", "half.tsv,weights.tsv --scatter=-1"), &["--scatter -1"]);
+    assert_refused(
+        &shrink("obs.txt", "half.tsv,weights.tsv --scatter=-1"),
+        &["--scatter <F>", "not negative"],
+    );
     let known = locate("one.txt", "alone.tsv --noise q=0.1", "one.tsv");
     assert_eq!(table(&known).len(), 1);
     let constant = locate("constant.txt", "weights.tsv --noise q=0.1", "base.tsv");

@@ -197,6 +197,10 @@ fn absurd_numbers_of_samples_are_refused() {
     for n in ["1000000000", "18446744073709551615"] {
         folder.refuses(&format!("gl-sample -p params.txt -n {n} -o many.txt"), &["-n", n]);
     }
+    folder.refuses(
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --next 100000 --next-out n.txt ensemble.txt",
+        &["--next 100000: give at most 1000"],
+    );
 }
 
 #[test]
@@ -215,4 +219,236 @@ fn twenty_parameters_and_components_are_drawn_one_way_or_the_other() {
     folder.write("weights.txt", weights);
     let said = folder.run("gl-gmm-resample -p params.txt -n 200 --components 20 weights.txt -o next.txt");
     assert_eq!(folder.table("next.txt").len(), 200, "{said}");
+}
+
+/// A line that is weighed, with this for the first value of its ensemble.
+fn with_first_value(value: &str) -> Folder {
+    let folder = collected(12);
+    folder.run(LIKELIHOOD);
+    folder.run(FILTER);
+    let ensemble = folder.read("ensemble.txt");
+    let (before, after) = ensemble.split_at(ensemble.match_indices('\n').nth(1).unwrap().0);
+    folder
+        .write("ensemble.txt", with_last_field(&format!("{before}\n"), value).trim_end().to_owned() + after);
+    folder
+}
+
+#[test]
+fn a_run_beyond_what_can_be_calculated_with_is_refused_by_all_who_calculate_with_it() {
+    let folder = with_first_value("1e200");
+    for line in [
+        "gl-predict ensemble.txt -o out.txt",
+        "gl-emulate -p params.txt -s samples.txt --check ensemble.txt -o out.txt",
+        "gl-gap-locate -b obs.txt -c x -v y -w weights.txt ensemble.txt -o out.txt",
+        "gl-gap-shrink -b obs.txt -c x -v y --before ensemble.txt,weights.txt --after ensemble.txt,weights.txt -o out.txt",
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt -o out.txt",
+        "gl-plot fit -b obs.txt ensemble.txt -o out.svg",
+    ] {
+        folder.refuses(line, &["ensemble.txt:2: column y: 1e200", "1e100"]);
+    }
+}
+
+#[test]
+fn samples_and_bounds_beyond_what_can_be_calculated_with_are_refused() {
+    let folder = collected(12);
+    folder.write("far.txt", "description key a b\nfar 0 1e308 4\n");
+    folder.refuses(
+        "gl-emulate -p params.txt -s samples.txt --at far.txt ensemble.txt -o out.txt",
+        &["far.txt:2: column a: 1e308", "1e100"],
+    );
+    folder.write("params.txt", "name lower upper\na 0.1 1e150\nb 0.1 10\n");
+    folder.refuses("gl-sample -p params.txt -n 4 -o out.txt", &["params.txt:2: column upper: 1e150"]);
+}
+
+#[test]
+fn shares_of_scatter_without_sense_are_refused() {
+    let folder = collected(12);
+    folder.run(LIKELIHOOD);
+    folder.run(FILTER);
+    for line in [
+        "gl-emulate -p params.txt -s samples.txt --check ensemble.txt",
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt",
+        "gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt",
+        "gl-gap-shrink -b obs.txt -c x -v y --before ensemble.txt,weights.txt --after ensemble.txt,weights.txt",
+    ] {
+        for scatter in ["1e18", "inf", "nan"] {
+            folder.refuses(&format!("{line} --scatter {scatter} -o out.txt"), &["--scatter"]);
+        }
+    }
+}
+
+#[test]
+fn an_effect_of_the_measurement_is_given_once() {
+    collected(12).refuses(
+        "gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt --measurement offset,gain,offset",
+        &["--measurement: offset is given twice"],
+    );
+}
+
+#[test]
+fn names_of_observables_are_neither_empty_nor_repeated() {
+    let folder = collected(6);
+    let line = |names: &str| LIKELIHOOD.replace("-v y", &format!("-v {names}"));
+    folder.refuses(&line("y,y"), &["obs.txt", "-v", "y is named twice"]);
+    folder.refuses(&line("y,"), &["obs.txt", "-v", "a name is empty"]);
+    folder.refuses(&line(","), &["obs.txt", "-v", "a name is empty"]);
+    folder.refuses(&line("x"), &["obs.txt", "x is named as control (-c) and as observable (-v)"]);
+    folder.refuses("gl-plot fit -b obs.txt -v y,y ensemble.txt -o out.svg", &["-v", "y is named twice"]);
+}
+
+/// The columns of a table in another order, and one of words put in before them.
+fn with_columns(folder: &Folder, file: &str, order: &[&str]) {
+    let table = folder.table(file);
+    let mut text = format!("note\t{}\n", order.join("\t"));
+    for row in 0..table.len() {
+        let fields = order.iter().map(|name| table.field(row, table.format().column(name).unwrap()));
+        text += &format!("w{row}\t{}\n", fields.collect::<Vec<_>>().join("\t"));
+    }
+    folder.write(file, text);
+}
+
+#[test]
+fn columns_go_by_name_and_words_are_left_aside() {
+    let folder = collected(14);
+    folder.run(LIKELIHOOD);
+    folder.run(FILTER);
+    folder.write("at.txt", "description key a b\nnew 0 0.5 4\n");
+    let lines = [
+        "gl-predict -w weights.txt ensemble.txt",
+        "gl-emulate -p params.txt -s samples.txt --at at.txt ensemble.txt",
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y -n 20 --noise y=0.3 ensemble.txt",
+        "gl-plot fit -b obs.txt -w weights.txt ensemble.txt",
+        "gl-plot posterior -w weights.txt",
+        "gl-plot emulator -e ensemble.txt ensemble.txt",
+        "gl-likelihood -b obs.txt -c x -v y ensemble.txt",
+        "gl-filter -s samples.txt misfit.txt",
+        "gl-collect -s samples.txt -b obs.txt -c x -v y runs",
+        "gl-gap-locate -b obs.txt -c x -v y -w weights.txt --noise y=0.3 ensemble.txt",
+        "gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.3 --measurement offset ensemble.txt",
+        "gl-gmm-resample -p params.txt -n 5 weights.txt",
+        "gl-box narrow -p params.txt weights.txt",
+    ];
+    let plain: Vec<String> = lines.iter().map(|line| folder.stdout(line)).collect();
+    with_columns(&folder, "ensemble.txt", &["x", "step", "sample", "y"]);
+    with_columns(&folder, "samples.txt", &["key", "a", "description", "b"]);
+    with_columns(&folder, "weights.txt", &["weight", "a", "b", "error", "misfit", "sample"]);
+    with_columns(&folder, "misfit.txt", &["error", "misfit", "step", "readings", "expected", "sample"]);
+    with_columns(&folder, "at.txt", &["b", "a", "key", "description"]);
+    for (line, plain) in lines.iter().zip(plain) {
+        assert_eq!(folder.stdout(line), plain, "{line}");
+    }
+}
+
+#[test]
+fn a_word_among_numbers_is_a_slip_and_no_column_of_words() {
+    let folder = collected(6);
+    let samples = folder.read("samples.txt");
+    let mut rows: Vec<Vec<&str>> = samples.lines().map(|line| line.split('\t').collect()).collect();
+    rows[1][2] = "abc";
+    folder.write("samples.txt", rows.iter().map(|row| row.join("\t") + "\n").collect::<String>());
+    folder.refuses(COLLECT, &["samples.txt:2: column a: \"abc\" is not a number"]);
+    let folder = with_first_value("abc");
+    folder.refuses(
+        "gl-predict ensemble.txt -o out.txt",
+        &["ensemble.txt:2: column y: \"abc\" is not a number"],
+    );
+}
+
+#[test]
+fn messages_about_numbers_name_their_file() {
+    let folder = collected(6);
+    folder.run(LIKELIHOOD);
+    folder.write("few.txt", "quantity value\nruns 3\n");
+    folder.refuses("gl-check-stop --sigma-tol 1 few.txt", &["few.txt: the summary has no quantity sigma"]);
+    let alike: String =
+        folder.texts("samples.txt", "description").iter().map(|name| format!("{name} 0 1 0.1\n")).collect();
+    folder.write("misfit.txt", format!("sample step misfit error\n{alike}"));
+    folder.refuses(FILTER, &["misfit.txt: all 6 runs have the same misfit"]);
+    folder.write("misfit.txt", format!("sample step misfit error\n{}\n", alike.lines().next().unwrap()));
+    folder.refuses(FILTER, &["misfit.txt: one run alone", "--sigma"]);
+    folder.refuses(
+        "gl-sample -p params.txt -n 3 --effects none,z",
+        &["params.txt: no parameter belongs to an effect none"],
+    );
+    folder.write("down.txt", "e_a q\n0.2 1\n0.1 2\n");
+    folder
+        .refuses("gl-triaxial -b down.txt --curve phi_c=32", &["down.txt: the axial strains must increase"]);
+    folder.refuses("gl-triaxial --strain 7 --curve phi_c=32", &["--strain"]);
+}
+
+#[test]
+fn a_summary_beyond_what_can_be_calculated_with_is_refused() {
+    let folder = Folder::default();
+    folder.write("summary.txt", "quantity value\nsigma 1\nbest_error 1e308\n");
+    folder.refuses(
+        "gl-check-stop --sigma-tol 1 summary.txt",
+        &["summary.txt:3: column value: best_error: 1e308"],
+    );
+    folder.write("summary.txt", "quantity value\nsigma 1\nsigma_noise -5e-324\n");
+    let output = folder.call("gl-check-stop --sigma-tol 1 summary.txt", "");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("inf"));
+}
+
+#[test]
+fn noise_beyond_numbers_makes_no_measurement() {
+    let folder = Folder::default();
+    folder.refuses("gl-contact --curve E_m=9.3 --noise f=1e308 -o obs.txt", &["f"]);
+    folder.refuses("gl-triaxial --curve phi_c=32 --noise q=1e308 -o obs.txt", &["q"]);
+}
+
+#[test]
+fn a_history_over_all_that_numbers_can_say_is_drawn() {
+    let folder = Folder::default();
+    for (low, high) in [("1e-308", "0.05"), ("0.05", "1e295"), ("5e-324", "1.7e308")] {
+        folder.write(
+            "history.txt",
+            format!("step sigma ess mean(a) cv(a)\n0 {low} .5 1 .1\n1 {high} .4 1.1 .2\n2 1 .3 1 .1\n"),
+        );
+        let picture = folder.stdout("gl-plot history history.txt");
+        assert!(
+            picture.ends_with("</svg>\n") && !picture.contains("NaN") && !picture.contains("inf"),
+            "{low} {high}"
+        );
+    }
+}
+
+#[test]
+fn pictures_and_priors_of_thousands_of_columns_are_refused_and_not_waited_for() {
+    let folder = Folder::default();
+    let names: Vec<String> = (0..2000).map(|j| format!("p{j}")).collect();
+    let values = vec!["0.5"; names.len()].join(" ");
+    folder.write("weights.txt", format!("sample {} weight\na {values} 1\n", names.join(" ")));
+    folder.refuses("gl-plot posterior -w weights.txt -o out.svg", &["weights.txt: a picture of 2000 panels"]);
+    let rows: String = names.iter().map(|name| format!("{name} 0 1\n")).collect();
+    folder.write("params.txt", format!("name lower upper\n{rows}"));
+    folder.refuses("gl-sample -p params.txt -n 4 -o out.txt", &["params.txt: 2000 parameters", "1000"]);
+}
+
+#[test]
+fn a_slice_of_any_depth_is_drawn_or_refused() {
+    let folder = collected(14);
+    folder.run(LIKELIHOOD);
+    folder.run(FILTER);
+    for deviation in ["0", "1e9", "1e300"] {
+        folder.run(&format!(
+            "gl-gmm-resample -p params.txt -n 8 --deviation {deviation} weights.txt -o next.txt"
+        ));
+        assert_eq!(folder.table("next.txt").len(), 8, "{deviation}");
+    }
+    folder.refuses(
+        "gl-gmm-resample -p params.txt -n 8 --concentration inf weights.txt -o next.txt",
+        &["--concentration"],
+    );
+}
+
+#[test]
+fn steps_that_calibration_saw_are_steps_of_the_measurement() {
+    let folder = collected(12);
+    folder.run(LIKELIHOOD);
+    folder.run(FILTER);
+    folder.refuses(
+        "gl-gap-shrink -b obs.txt -c x -v y --before ensemble.txt,weights.txt --after ensemble.txt,weights.txt --calibrated 0:99",
+        &["--calibrated 0:99: the measurement has 20 steps"],
+    );
 }

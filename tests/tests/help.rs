@@ -82,3 +82,26 @@ fn examples_are_not_wrapped_on_a_terminal_of_80_columns() {
         }
     }
 }
+
+#[test]
+fn bash_completes_the_flags_of_a_subcommand() {
+    let script = "source /dev/stdin <<<\"$(gl-plot --generate bash)\"
+        COMP_WORDS=(gl-plot fit --obs) COMP_CWORD=2
+        $(complete -p gl-plot | sed 's/.*-F \\([^ ]*\\).*/\\1/') gl-plot --obs fit
+        echo \"${COMPREPLY[@]}\"";
+    let output = Command::new("bash").args(["-c", script]).env("PATH", path_with_tools()).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "--observations --observables\n");
+}
+
+#[test]
+fn every_subcommand_has_a_manual_page() {
+    let folder = Folder::default();
+    assert_eq!(folder.stdout("gl-box --generate kinds"), "narrow\nwiden\n");
+    for tool in ["gl-plot", "gl-run", "gl-box", "gl-blind"] {
+        for kind in folder.stdout(&format!("{tool} --generate kinds")).lines() {
+            let page = folder.stdout(&format!("{tool} --generate man {kind}"));
+            assert!(page.contains(&format!(".TH {tool}-{kind} ")), "{tool} {kind}: {page:.400}");
+        }
+    }
+    folder.refuses("gl-box --generate man other", &["--generate man other: gl-box has no such subcommand"]);
+}

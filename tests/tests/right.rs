@@ -69,7 +69,7 @@ fn a_truth_outside_the_bounds_is_said_with_the_parameter_and_the_side() {
         let stop = folder.call("gl-check-stop posterior.txt", "");
         assert_eq!(stop.status.code(), Some(0));
         let stderr = String::from_utf8_lossy(&stop.stderr).into_owned();
-        assert!(stderr.contains(&format!("{says}: the truth may lie outside")), "{stderr}");
+        assert!(stderr.contains(&format!("{says}; the truth may lie outside")), "{stderr}");
         assert!(stderr.contains("the fit is bad: χ²"), "{stderr}");
     }
 }

@@ -103,6 +103,8 @@ pub enum Posterior {
 pub struct Case {
     /// Its folder.
     pub folder: PathBuf,
+    /// The settings of this call, KEY=VALUE as they were given.
+    pub given: Vec<String>,
     /// First part of the name of each run.
     pub name: String,
     /// Its table of parameters, from the folder.
@@ -215,7 +217,8 @@ impl Case {
             }
         }
         let file: File = table.try_into().with_context(|| source.to_owned())?;
-        Self::from_file(folder, source, file, command, places)
+        let case = Self::from_file(folder, source, file, command, places)?;
+        Ok(Self { given: given.iter().map(|text| text.as_ref().to_owned()).collect(), ..case })
     }
 
     fn from_file(
@@ -236,6 +239,7 @@ impl Case {
         };
         let iterations = if posterior == Posterior::Emulator { BATCHES } else { ITERATIONS };
         Ok(Self {
+            given: Vec::new(),
             folder: folder.to_owned(),
             name,
             params: file.params.unwrap_or_else(|| "params.txt".to_owned()),

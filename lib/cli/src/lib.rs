@@ -17,17 +17,20 @@ use gl_table::verdict::Verdicts;
 /// A tool's arguments.
 ///
 /// Ends the program, as [`Parser::parse`] does, for arguments that are wrong and for `--help`; and for
-/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions. From here on
-/// long computations show their progress, where stderr is a terminal.
+/// `TOOL --generate man|bash|zsh|fish`, which writes the manual page or the completions. `--generate kinds` names
+/// the subcommands, a line each, and `--generate man KIND` writes the page of one. From here on long computations
+/// show their progress, where stderr is a terminal.
 #[allow(clippy::exit)]
 pub fn parse<A: Parser>() -> A {
     let arguments: Vec<_> = env::args_os().skip(1).collect();
-    if let [flag, kind] = arguments.as_slice()
+    if let [flag, what @ ..] = arguments.as_slice()
         && flag == "--generate"
     {
         let mut command = A::command();
         let name = command.get_name().to_owned();
-        let outcome = finish(&name, generate(&mut command, &kind.to_string_lossy()));
+        let what: Vec<_> = what.iter().map(|word| word.to_string_lossy()).collect();
+        let what: Vec<&str> = what.iter().map(|word| &**word).collect();
+        let outcome = finish(&name, generate(&mut command, &what));
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
     let arguments = A::parse();
@@ -37,18 +40,35 @@ pub fn parse<A: Parser>() -> A {
     arguments
 }
 
-/// Write a manual page or completions to standard output.
-fn generate(command: &mut Command, kind: &str) -> Result<()> {
-    let shell = match kind {
-        "bash" => Shell::Bash,
-        "zsh" => Shell::Zsh,
-        "fish" => Shell::Fish,
-        "man" => return Ok(clap_mangen::Man::new(command.clone()).render(&mut io::stdout())?),
-        _ => bail!("--generate {kind}: give man, bash, zsh or fish"),
-    };
+/// Write a manual page, completions or the names of the subcommands to standard output.
+fn generate(command: &mut Command, what: &[&str]) -> Result<()> {
     let name = command.get_name().to_owned();
-    clap_complete::generate(shell, command, name, &mut io::stdout());
-    Ok(())
+    let shell = match what {
+        ["bash"] => Shell::Bash,
+        ["zsh"] => Shell::Zsh,
+        ["fish"] => Shell::Fish,
+        ["man"] => return Ok(clap_mangen::Man::new(command.clone()).render(&mut io::stdout())?),
+        ["man", kind] => {
+            command.build();
+            let found = command.find_subcommand(kind);
+            let kind =
+                found.with_context(|| format!("--generate man {kind}: {name} has no such subcommand"))?;
+            return Ok(clap_mangen::Man::new(kind.clone()).render(&mut io::stdout())?);
+        }
+        ["kinds"] => {
+            let kinds = command.get_subcommands().map(|kind| kind.get_name().to_owned() + "\n");
+            return Ok(io::stdout().write_all(kinds.collect::<String>().as_bytes())?);
+        }
+        _ => bail!("--generate {}: give man, bash, zsh or fish", what.join(" ")),
+    };
+    let mut text = Vec::new();
+    clap_complete::generate(shell, command, name.as_str(), &mut text);
+    // clap_complete 4.6 takes the hyphen of a name for the start of a subcommand, where it says what one completes.
+    let text = String::from_utf8_lossy(&text).replace(
+        &format!("{}__subcmd__", name.replace('-', "__subcmd__")),
+        &format!("{}__subcmd__", name.replace('-', "__")),
+    );
+    Ok(io::stdout().write_all(text.as_bytes())?)
 }
 
 /// An argument that is a number and not negative.
@@ -71,6 +91,18 @@ pub const MOST: usize = 10_000_000;
 pub fn count(text: &str) -> Result<usize> {
     let count = text.parse().ok().filter(|count| (1..=MOST).contains(count));
     count.with_context(|| format!("{text:?} is not a number from 1 to {MOST}"))
+}
+
+/// The largest number of what is dear to make: draws, runs to come.
+const MOST_OF_THE_DEAR: usize = 100_000;
+
+/// An argument that counts what is dear to make, up to a hundred thousand.
+///
+/// # Errors
+/// If it is no such number.
+pub fn few(text: &str) -> Result<usize> {
+    let count = text.parse().ok().filter(|count| *count <= MOST_OF_THE_DEAR);
+    count.with_context(|| format!("{text:?} is not a number up to {MOST_OF_THE_DEAR}"))
 }
 
 /// What a tool's `run` returns: done, or an answer yes or no.
@@ -104,6 +136,38 @@ pub fn finish<T: Outcome>(tool: &str, result: Result<T>) -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Name the input in an error that names neither a file nor a flag: the first of `inputs`, where what is wrong most
+/// often is.
+///
+/// # Errors
+/// The same.
+pub fn about<'a, T>(result: Result<T>, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<T> {
+    result.map_err(|error| {
+        let text = format!("{error:#}");
+        let names: Vec<String> = inputs.into_iter().map(|path| gl_table::source_name(path)).collect();
+        let is_clear = text.starts_with('-') || text.contains("cannot be written") || is_closed_pipe(&error);
+        match names.first() {
+            Some(first) if !is_clear && !names.iter().any(|name| text.contains(name.as_str())) => {
+                error.context(first.clone())
+            }
+            _ => error,
+        }
+    })
+}
+
+/// The largest share of the simulation's scatter that a measurement can have: that of a specimen of far fewer grains.
+const MOST_SCATTER: f64 = 1e3;
+
+/// An argument that is a share of the simulation's scatter: from 0 to a thousand.
+///
+/// # Errors
+/// If it is not.
+pub fn scatter(text: &str) -> Result<f64> {
+    let share = not_negative(text)?;
+    ensure!(share <= MOST_SCATTER, "give a share from 0 to {MOST_SCATTER}");
+    Ok(share)
 }
 
 /// A message for the user on stderr, with the tool's name before it.

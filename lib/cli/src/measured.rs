@@ -34,6 +34,13 @@ pub struct Measured {
     test: Vec<TestTables>,
 }
 
+impl Measured {
+    /// The tables of the measurement.
+    pub fn tables(&self) -> impl Iterator<Item = &PathBuf> {
+        self.observations.iter().chain(self.test.iter().map(|test| &test.observations))
+    }
+}
+
 /// What [`Measured`] names, read.
 #[derive(Clone, Debug)]
 pub struct Measurement {

@@ -16,6 +16,8 @@ absent. A run fails alone if its parameters make no sense: it is named on stderr
 The exit code is 2 only if every run failed, or nothing could be run.";
 
 /// What to run, and where it goes.
+// A help text is no Markdown.
+#[allow(rustdoc::invalid_html_tags)]
 #[derive(Args)]
 pub struct Shell {
     /// Table of samples: run each, unless its files are complete already
@@ -60,6 +62,11 @@ impl Shell {
         Ok(Some(Table::read(file)?.numbers(column)?))
     }
 
+    /// What the steps come from, for messages: the measurement to follow, or the flag that says how far they go.
+    pub fn origin(&self, flag: &str) -> String {
+        self.observations.as_ref().map_or(flag.to_owned(), |path| gl_table::source_name(path))
+    }
+
     /// Do what was asked for in this world; `tool` is named in messages.
     ///
     /// # Errors
@@ -71,12 +78,13 @@ impl Shell {
         }
         if let Some(values) = &self.curve {
             let noise = self.noise.clone().unwrap_or_default();
-            return world::write_curve(world, values, &noise, self.seed, output);
+            let written = world::write_curve(world, values, &noise, self.seed, output);
+            return crate::about(written, [&PathBuf::from("--curve")]);
         }
         let (Some(samples), Some(dir)) = (&self.samples, &self.dir) else {
             bail!("name a table of samples with -s, and a folder for the runs");
         };
-        let report = world::run_samples(world, &Samples::read(samples)?, dir)?;
+        let report = world::run_samples(world, &Samples::from_table(&Table::read(samples)?)?, dir)?;
         for message in report.messages() {
             crate::note(tool, message);
         }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::arguments::Request;
 use crate::calibrate::iteration::{Iteration, Setting};
-use crate::calibrate::say;
+use crate::calibrate::{alone, say};
 use crate::check;
 use crate::step::{Runner, copy, make_folder, show};
 use crate::words;
@@ -33,6 +33,7 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
         ensure!(done.exists(), "{}: not there; do iteration {before} first", done.display());
     }
     let runner = Runner::new(&out)?;
+    let _lock = alone(&out, "gl-iterate")?;
     make_folder(&folder)?;
     place(samples, &folder.join("samples.txt"))?;
     for test in &case.tests {

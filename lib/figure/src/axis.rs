@@ -31,6 +31,18 @@ impl Label {
     }
 }
 
+/// ln of the smallest value that a logarithmic axis shows, and less the sign that of the largest.
+const LN_LEAST: f64 = -700.0;
+
+/// What is smaller is nothing to a picture: powers of ten below it are no normal numbers.
+const LEAST: f64 = 1e-290;
+
+/// How far outside an axis a value stands at the most, in lengths of the axis.
+const FAR: f64 = 1e4;
+
+/// The largest value that an axis shows: its range must be a number.
+const LARGEST: f64 = 1e300;
+
 /// The values that an axis spans, and whether evenly in their logarithm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
@@ -46,11 +58,10 @@ impl Span {
     /// From the smallest to the largest of some values; 0 to 1 if there are none.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let empty = Self { low: f64::INFINITY, high: f64::NEG_INFINITY, log: false };
-        let span = values.into_iter().filter(|value| value.is_finite()).fold(empty, |span, value| Self {
-            low: span.low.min(value),
-            high: span.high.max(value),
-            ..span
-        });
+        let span = values
+            .into_iter()
+            .filter(|value| value.abs() <= LARGEST)
+            .fold(empty, |span, value| Self { low: span.low.min(value), high: span.high.max(value), ..span });
         if span.low > span.high { Self { low: 0.0, high: 1.0, log: false } } else { span }
     }
 
@@ -61,23 +72,24 @@ impl Span {
 
     /// The same values, evenly in their logarithm; unchanged where one is not positive.
     pub fn logarithmic(self) -> Self {
-        Self { log: self.low > 0.0, ..self }
+        Self { log: self.low.ln() > LN_LEAST, ..self }
     }
 
     /// A little wider on both sides, so that nothing lies on the frame; a single value gets room.
     pub fn padded(self, share: f64) -> Self {
         if self.log {
-            let room = share * (self.high / self.low).ln();
+            let room = share * self.ln_range();
             let room = if room > 0.0 { room } else { 0.5 };
-            return Self { low: self.low * (-room).exp(), high: self.high * room.exp(), log: true };
+            let (low, high) = (self.low.ln() - room, self.high.ln() + room);
+            return Self { low: low.max(LN_LEAST).exp(), high: high.min(-LN_LEAST).exp(), log: true };
         }
         let room = share * (self.high - self.low);
         // Rounding noise on a constant is no range to look at.
         let magnitude = self.low.abs().max(self.high.abs());
-        let constant = self.high - self.low <= 1e-12 * magnitude;
+        let constant = self.high - self.low <= (1e-12 * magnitude).max(LEAST);
         let room = if !constant && room > 0.0 {
             room
-        } else if magnitude > 0.0 {
+        } else if magnitude > LEAST {
             0.1 * magnitude
         } else {
             0.5
@@ -85,24 +97,31 @@ impl Span {
         Self { low: self.low - room, high: self.high + room, log: false }
     }
 
+    /// ln of the upper end over the lower one.
+    fn ln_range(&self) -> f64 {
+        self.high.ln() - self.low.ln()
+    }
+
     /// Wide enough for a value too.
     pub fn with(self, value: f64) -> Self {
         Self { low: self.low.min(value), high: self.high.max(value), ..self }
     }
 
-    /// Place of a value: 0 at the lower end, 1 at the upper one.
+    /// Place of a value: 0 at the lower end, 1 at the upper one; within ten thousand lengths of them.
     pub fn place(&self, value: f64) -> f64 {
-        if self.log {
-            (value / self.low).ln() / (self.high / self.low).ln()
+        let place = if self.log {
+            (value.ln() - self.low.ln()) / self.ln_range()
         } else {
             (value - self.low) / (self.high - self.low)
-        }
+        };
+        // Where the ends are one, everything is in the middle.
+        if place.is_nan() { 0.5 } else { place.clamp(-FAR, FAR) }
     }
 
     /// The value at a place; see [`Span::place`].
     pub fn value(&self, place: f64) -> f64 {
         if self.log {
-            self.low * (place * (self.high / self.low).ln()).exp()
+            (self.low.ln() + place * self.ln_range()).exp()
         } else {
             self.low + place * (self.high - self.low)
         }
@@ -187,7 +206,7 @@ impl Axis {
     }
 
     fn with_ticks(span: Span, label: Label, count: usize) -> Self {
-        let decades = (span.high / span.low).log10();
+        let decades = span.high.log10() - span.low.log10();
         if span.log && decades >= 2.0 {
             return Self::decades(span, label, count);
         }
@@ -200,7 +219,7 @@ impl Axis {
             ticks = multiples(span, more);
         }
         let largest = ticks.iter().fold(0.0_f64, |largest, tick| largest.max(tick.abs()));
-        let magnitude = if largest > 0.0 { (largest.log10() + 1e-9).floor() as i32 } else { 0 };
+        let magnitude = if largest > LEAST { (largest.log10() + 1e-9).floor() as i32 } else { 0 };
         let exponent = if (-2..4).contains(&magnitude) { 0 } else { magnitude.div_euclid(3) * 3 };
         let unit = 10.0_f64.powi(exponent);
         let decimals = decimals(&ticks, unit);
@@ -254,8 +273,8 @@ impl Axis {
 /// Multiples of 1, 2 or 5 times a power of ten: as many as there may be, at most `most`.
 fn multiples(span: Span, most: usize) -> Vec<f64> {
     let range = span.high - span.low;
-    if !(range.is_finite() && range > 0.0) {
-        return vec![span.low];
+    if !(range.is_finite() && range > LEAST) {
+        return vec![if span.low.abs() > LEAST { span.low } else { 0.0 }];
     }
     let first = (range / most.max(1) as f64).log10().floor() as i32;
     (first..first + 3)

@@ -1,5 +1,8 @@
 //! Numbers as a reader wants them: as many digits as mean something, powers of ten raised, a proper minus.
 
+/// What is smaller is written as zero: the power of ten below it is no normal number.
+const LEAST: f64 = 1e-300;
+
 /// A number with so many decimals and a proper minus sign.
 pub fn written(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
@@ -18,8 +21,8 @@ pub fn short(value: f64) -> String {
 /// A number to so many significant digits, without zeros at its end, with a power of ten where it is very
 /// large or small.
 pub fn significant(value: f64, digits: usize) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return written(value, 0);
+    if value.abs() < LEAST || !value.is_finite() {
+        return written(if value.is_finite() { 0.0 } else { value }, 0);
     }
     let most = digits.max(1) as i32 - 1;
     let rounded: f64 = format!("{value:.*e}", most as usize).parse().unwrap_or(value);
@@ -40,9 +43,9 @@ fn shortened(text: String) -> String {
 /// `spread` leaves two that mean something, and the power of ten that all of them leave out.
 pub fn alike<const N: usize>(values: [f64; N], spread: f64) -> ([String; N], i32) {
     let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-    let magnitude = |value: f64| if value > 0.0 { value.log10().floor() as i32 } else { 0 };
+    let magnitude = |value: f64| if value > LEAST { value.log10().floor() as i32 } else { 0 };
     let exponent = match magnitude(largest) {
-        magnitude if largest == 0.0 || (-3..5).contains(&magnitude) => 0,
+        magnitude if largest <= LEAST || (-3..5).contains(&magnitude) => 0,
         magnitude => magnitude.div_euclid(3) * 3,
     };
     let unit = 10.0_f64.powi(exponent);

@@ -1,13 +1,13 @@
 //! What the runs gave, at the control values of the measurement.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 
-use crate::observations::Observations;
-use gl_table::{Cursor, Format, Rows, TableWriter, push_number, read_bytes};
+use crate::observations::{Observations, check_names};
+use gl_table::{Cursor, Format, LARGEST, Rows, TableWriter, push_number, read_bytes};
 
 /// Simulated observables of every run, at the steps of the measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,19 +56,35 @@ impl Ensemble {
         Self::parse(&name, &read_bytes(path)?, control, observables)
     }
 
-    /// Read an ensemble table as [`Ensemble::read`] does, with what is not named taken from its header:
-    /// the column after `step` is the control, and the ones after it are the observables, but for
-    /// the `_sd` of another.
+    /// Read an ensemble table as [`Ensemble::read`] does, with what is not named taken from its header: of
+    /// the columns of numbers beside `sample` and `step`, the first is the control, and the others are the
+    /// observables, but for the `_sd` of another.
     ///
     /// # Errors
     /// See [`Ensemble::read`]; also if the header leaves no control or observable to take.
     pub fn read_by_header(path: &Path, control: Option<&str>, observables: &[String]) -> Result<Self> {
         let source = gl_table::source_name(path);
         let bytes = read_bytes(path)?;
-        let rows = Rows::new(&source, &bytes)?;
-        let (header_control, header_observables) = header_columns(rows.format())?;
-        let observables = if observables.is_empty() { &header_observables } else { observables };
-        Self::parse(&source, &bytes, control.unwrap_or(&header_control), observables)
+        if let (Some(control), false) = (control, observables.is_empty()) {
+            return Self::parse(&source, &bytes, control, observables);
+        }
+        let mut rows = Rows::new(&source, &bytes)?;
+        let format = rows.format().clone();
+        let mut words: Vec<bool> = vec![false; format.columns().len()];
+        if let Some((_, fields)) = rows.next_row()? {
+            words = fields.iter().map(|field| field.parse::<f64>().is_err()).collect();
+        }
+        // A word among numbers is no word but a slip, which reading the column says.
+        while words.iter().any(|is_word| *is_word)
+            && let Some((_, fields)) = rows.next_row()?
+        {
+            words
+                .iter_mut()
+                .zip(fields)
+                .for_each(|(is_word, field)| *is_word &= field.parse::<f64>().is_err());
+        }
+        let (control, others) = header_columns(&format, &words, control, observables)?;
+        Self::parse(&source, &bytes, &control, &others)
     }
 
     /// Parse an ensemble table from its bytes; see [`Ensemble::read`].
@@ -78,6 +94,7 @@ impl Ensemble {
     pub fn parse(source: &str, bytes: &[u8], control: &str, observables: &[String]) -> Result<Self> {
         let mut rows = Rows::new(source, bytes)?;
         let format = rows.format().clone();
+        check_names(source, control, observables)?;
         let columns = Columns::find(&format, control, observables)?;
         let mut ensemble = Self {
             source: source.to_owned(),
@@ -119,7 +136,7 @@ impl Ensemble {
                 step == steps as f64,
                 "{source}:{line}: column step: {step} where step {steps} of {sample} should follow"
             );
-            let at = format.number(line, columns.control, fields[columns.control])?;
+            let at = format.moderate(line, columns.control, fields[columns.control])?;
             if ensemble.samples.len() == 1 {
                 ensemble.control.push(at);
             } else {
@@ -131,10 +148,10 @@ impl Ensemble {
                 );
             }
             for &column in &columns.observables {
-                values.push(format.number(line, column, fields[column])?);
+                values.push(format.moderate(line, column, fields[column])?);
             }
             for &column in columns.sd.iter().flatten() {
-                let value = format.number(line, column, fields[column])?;
+                let value = format.moderate(line, column, fields[column])?;
                 ensure!(
                     value >= 0.0,
                     "{source}:{line}: column {}: a standard deviation cannot be negative",
@@ -415,19 +432,38 @@ fn clipped(steps: &std::ops::Range<usize>, length: usize) -> std::ops::Range<usi
 /// Runs whose rows are made at a time.
 const RUNS_A_PIECE: usize = 16;
 
-/// The control and the observables that the header `sample step <control> <observables…>` names.
-fn header_columns(format: &Format) -> Result<(String, Vec<String>)> {
-    let step = format.column("step")?;
-    let names = &format.columns()[step + 1..];
-    let is_sd = |name: &str| name.strip_suffix("_sd").is_some_and(|base| names.iter().any(|n| n == base));
-    let observables: Vec<String> = names.iter().skip(1).filter(|name| !is_sd(name)).cloned().collect();
+/// The control and the observables of a table, of which some may be named.
+///
+/// * `words` — which columns hold nothing but words.
+fn header_columns(
+    format: &Format,
+    words: &[bool],
+    control: Option<&str>,
+    observables: &[String],
+) -> Result<(String, Vec<String>)> {
+    let names = format.columns();
+    let (known, named): (HashSet<&str>, HashSet<&str>) =
+        (names.iter().map(String::as_str).collect(), observables.iter().map(String::as_str).collect());
+    let is_sd = |name: &str| name.strip_suffix("_sd").is_some_and(|base| known.contains(base));
+    let is_free = |j: &usize| {
+        let name = names[*j].as_str();
+        !matches!(name, "sample" | "step") && !is_sd(name) && !named.contains(name) && !words[*j]
+    };
+    let mut others: Vec<String> = (0..names.len()).filter(is_free).map(|j| names[j].clone()).collect();
+    let control = match control {
+        Some(control) => control.to_owned(),
+        None if others.is_empty() => String::new(),
+        None => others.remove(0),
+    };
+    others.retain(|name| *name != control);
+    let observables = if observables.is_empty() { others } else { observables.to_vec() };
     ensure!(
-        !observables.is_empty(),
+        !observables.is_empty() && !control.is_empty(),
         "{}:1: an ensemble has the columns sample, step, a control and observables; found {}",
         format.source(),
-        format.columns().join(", ")
+        names.join(", ")
     );
-    Ok((names[0].clone(), observables))
+    Ok((control, observables))
 }
 
 /// How far, as a share of the control's range, the same step may lie apart in two tables.
@@ -516,17 +552,23 @@ impl PlainRows {
 
     fn read_values(&self, row: &mut Cursor<'_>, values: &mut Vec<f64>, sd: &mut Vec<f64>) -> Option<()> {
         for _ in 1..self.observables {
-            values.push(row.number(b'\t')?);
+            values.push(moderate(row, b'\t')?);
         }
-        values.push(row.number(if self.has_sd { b'\t' } else { b'\n' })?);
+        values.push(moderate(row, if self.has_sd { b'\t' } else { b'\n' })?);
         if self.has_sd {
             for j in 1..=self.observables {
                 let end = if j == self.observables { b'\n' } else { b'\t' };
-                sd.push(row.number(end).filter(|sd| *sd >= 0.0)?);
+                sd.push(moderate(row, end).filter(|sd| *sd >= 0.0)?);
             }
         }
         Some(())
     }
+}
+
+/// A number up to [`LARGEST`], which what is not plain is held to as well.
+#[inline]
+fn moderate(row: &mut Cursor<'_>, end: u8) -> Option<f64> {
+    row.number(end).filter(|value| value.abs() <= LARGEST)
 }
 
 /// Step and control between tabs, for each step.

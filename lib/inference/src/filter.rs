@@ -110,6 +110,10 @@ impl Runs {
         let (least, most) =
             excess().fold((f64::INFINITY, 0.0), |(low, high), m| (f64::min(low, m), f64::max(high, m)));
         ensure!(
+            self.misfit.len() > 1,
+            "one run alone, and nothing to weigh it against; --sigma weighs it all the same"
+        );
+        ensure!(
             most > 0.0,
             "all {} runs have the same misfit, so no sigma weighs them differently; \
              do the parameters change the observables?",

@@ -1,5 +1,6 @@
 //! What was measured: a control, what it imposes on, and the observables at its values.
 
+use std::collections::HashSet;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -42,19 +43,15 @@ impl Observations {
     /// See [`Observations::read`].
     pub fn from_table(table: &Table, control: &str, observables: &[String]) -> Result<Self> {
         let source = table.format().source();
-        for (j, name) in observables.iter().enumerate() {
-            ensure!(!observables[..j].contains(name), "observable {name} is named twice");
-            ensure!(name != control, "{name} is named as control and as observable");
-        }
-        ensure!(!observables.is_empty(), "no observables named");
+        check_names(source, control, observables)?;
         ensure!(!table.is_empty(), "{source}: no rows; a measurement has at least one");
         let mut values = Vec::new();
         let mut sd = Vec::new();
         for name in observables {
-            values.push(table.numbers(name)?);
+            values.push(table.moderates(name)?);
             let column = format!("{name}_sd");
             let noise = match table.format().find(&column)? {
-                Some(_) => Some(table.numbers(&column)?),
+                Some(_) => Some(table.moderates(&column)?),
                 None => None,
             };
             if let Some(row) = noise.iter().flatten().position(|&sd| sd < 0.0) {
@@ -65,7 +62,7 @@ impl Observations {
         Ok(Self {
             source: source.to_owned(),
             control_name: control.to_owned(),
-            control: table.numbers(control)?,
+            control: table.moderates(control)?,
             names: observables.to_vec(),
             values,
             sd,
@@ -134,6 +131,19 @@ impl Observations {
         );
         Ok(Some(all))
     }
+}
+
+/// Refuse a control and observables that name a column twice, or none.
+pub(crate) fn check_names(source: &str, control: &str, observables: &[String]) -> Result<()> {
+    ensure!(!observables.is_empty(), "{source}: no observables (-v) named");
+    let empty = observables.iter().any(String::is_empty);
+    ensure!(!empty, "{source}: observables (-v): a name is empty; separate names by single commas");
+    let mut seen = HashSet::new();
+    for name in observables {
+        ensure!(seen.insert(name), "{source}: observables (-v): {name} is named twice");
+        ensure!(name != control, "{source}: {name} is named as control (-c) and as observable (-v)");
+    }
+    Ok(())
 }
 
 /// Largest minus smallest value.

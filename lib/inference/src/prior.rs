@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use gl_numeric::normal::Truncated;
 pub use gl_numeric::normal::{normal_cdf, normal_quantile};
-use gl_table::{Table, TableWriter, push_number};
+use gl_table::{LARGEST, Table, TableWriter, push_number};
 use serde::Deserialize;
 
 use crate::samples::check_parameter_name;
@@ -97,6 +97,7 @@ impl Row {
     fn parameter(self) -> Result<Parameter, (&'static str, String)> {
         check_parameter_name(&self.name).map_err(|problem| ("name", problem))?;
         let (scale, normal) = (self.scale()?, self.normal()?);
+        self.check_size()?;
         let Self { name, lower, upper, effect, off, unit, .. } = self;
         if let Some(effect) = &effect {
             check_effect_name(effect).map_err(|problem| ("effect", problem))?;
@@ -148,6 +149,21 @@ impl Row {
         Ok(scale)
     }
 
+    fn check_size(&self) -> Result<(), (&'static str, String)> {
+        let columns = [
+            ("lower", Some(self.lower)),
+            ("upper", Some(self.upper)),
+            ("mean", self.mean),
+            ("sd", self.sd),
+            ("off", self.off),
+        ];
+        let large = columns.into_iter().find(|(_, value)| value.is_some_and(|value| value.abs() > LARGEST));
+        large.map_or(Ok(()), |(column, value)| {
+            let value = value.unwrap_or_default();
+            Err((column, format!("{value:e} is too large to calculate with; stay below {LARGEST:e}")))
+        })
+    }
+
     fn normal(&self) -> Result<Option<(f64, f64)>, (&'static str, String)> {
         match (self.mean, self.sd) {
             (None, None) => Ok(None),
@@ -160,6 +176,9 @@ impl Row {
 }
 
 const COLUMNS: [&str; 9] = ["name", "lower", "upper", "scale", "mean", "sd", "effect", "off", "unit"];
+
+/// The most parameters that a table may have.
+const MOST: usize = 1000;
 
 impl Prior {
     /// A value of each parameter with every effect off; those of the base stand at their lower bound.
@@ -192,6 +211,11 @@ impl Prior {
         }
         let rows: Vec<Row> = table.rows()?;
         ensure!(!rows.is_empty(), "{source}: no parameters; add a row for each that may vary");
+        ensure!(
+            rows.len() <= MOST,
+            "{source}: {} parameters, but {MOST} are the most that runs can tell apart; leave out those that stand still",
+            rows.len()
+        );
         let mut parameters: Vec<Parameter> = Vec::new();
         for (place, row) in rows.into_iter().enumerate() {
             if parameters.iter().any(|parameter| parameter.name == row.name) {

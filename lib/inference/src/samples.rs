@@ -22,25 +22,32 @@ pub struct Samples {
 
 impl Samples {
     /// Read a samples table: `description`, `key` if it is there, and the parameters. Columns that
-    /// begin with `!` are environment variables for Yade and no parameters.
+    /// begin with `!` are environment variables for Yade and no parameters, and a column that holds nothing but
+    /// words is left aside.
     ///
     /// # Errors
     /// If the table cannot be read, a description is repeated or could do harm as a file name or in
     /// a shell, or a parameter is no number.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::from_table(&Table::read(path)?)
+        let table = Table::read(path)?;
+        Self::of_columns(&table, |column| !table.holds_words(column))
     }
 
-    /// The samples from a table that was read already; see [`Samples::read`].
+    /// The samples of runs to be, from a table: as [`Samples::read`] has it, but a column of words is no parameter
+    /// that a run could have, and refused.
     ///
     /// # Errors
     /// See [`Samples::read`].
     pub fn from_table(table: &Table) -> Result<Self> {
+        Self::of_columns(table, |_| true)
+    }
+
+    fn of_columns(table: &Table, is_wanted: impl Fn(usize) -> bool) -> Result<Self> {
         let description = table.format().column("description")?;
         let columns: Vec<usize> = (0..table.format().columns().len())
             .filter(|&j| {
                 let name = table.format().columns()[j].as_str();
-                !matches!(name, "description" | "key") && !name.starts_with('!')
+                !matches!(name, "description" | "key") && !name.starts_with('!') && is_wanted(j)
             })
             .collect();
         let parameters: Vec<String> = columns.iter().map(|&j| table.format().columns()[j].clone()).collect();
@@ -62,7 +69,7 @@ impl Samples {
                 return table.fail(row, "description", format_args!("{name} is on line {first} already"));
             }
             names.push(name.to_owned());
-            values.push(columns.iter().map(|&j| table.number(row, j)).collect::<Result<_>>()?);
+            values.push(columns.iter().map(|&j| table.moderate(row, j)).collect::<Result<_>>()?);
         }
         Ok(Self { source: table.format().source().to_owned(), names, parameters, values })
     }
@@ -87,9 +94,11 @@ impl Samples {
     /// # Errors
     /// If one of them is no column here.
     pub fn columns(&self, parameters: &[String]) -> Result<Vec<Vec<f64>>> {
+        let known: HashMap<&String, usize> =
+            self.parameters.iter().enumerate().map(|(j, name)| (name, j)).collect();
         let mut places = Vec::new();
         for name in parameters {
-            let Some(place) = self.parameters.iter().position(|other| other == name) else {
+            let Some(&place) = known.get(name) else {
                 bail!(
                     "{}:1: no column {name}; the parameters are {}",
                     self.source,

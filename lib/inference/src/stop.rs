@@ -39,7 +39,7 @@ pub struct Criterion {
     #[serde(rename = "met", serialize_with = "yes_no")]
     pub is_met: bool,
     /// Whether it is no reason by itself: only where all of these are met is there one, `settled`.
-    #[serde(skip)]
+    #[serde(rename = "part", serialize_with = "yes_no")]
     pub is_part: bool,
 }
 
@@ -106,7 +106,7 @@ pub fn criteria(
         let Some(iteration) = iteration else {
             bail!("--max-iterations needs --iteration, the number of this one")
         };
-        let (value, tolerance) = ((iteration + 1) as f64, most as f64);
+        let (value, tolerance) = (iteration as f64 + 1.0, most as f64);
         criteria.push(Criterion::new("iterations", value, tolerance, value >= tolerance));
     }
     Ok(criteria)
@@ -132,9 +132,6 @@ const PROOF: f64 = 2.0;
 
 /// Of the standard deviations' relative error for the runs that the simulator's scatter is known by.
 const SCATTER: f64 = 0.08;
-
-/// The criteria that are only together a reason to stop, as `settled`.
-pub const PARTS: [&str; 5] = ["ignorance", "shift", "spread", "proof", "scatter"];
 
 /// What stands for the value of something that there is not yet.
 const UNKNOWN: f64 = 1e6;
@@ -263,8 +260,8 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
         );
     }
     let noise = criteria.iter().find(|c| c.name == "sigma_noise");
-    if let Some(noise) = noise.filter(|c| c.value > c.tolerance * (1.0 + 1e-9)) {
-        let times = noise.value / noise.tolerance;
+    let times = noise.map(|noise| noise.value / noise.tolerance);
+    if let Some(times) = times.filter(|times| *times > 1.0 + 1e-9 && times.is_finite()) {
         verdicts.add(
             "sigma-above-noise",
             times,
@@ -338,13 +335,18 @@ fn parameter_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
             );
         }
     }
+    leaning_verdicts(summary, verdicts);
+}
+
+/// `leans`, for each parameter whose posterior leans on a bound.
+pub fn leaning_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
     for parameter in &summary.parameters {
         if let Some(side) = parameter.leaning_side() {
             let name = &parameter.name;
             verdicts.add(
                 "leans",
                 name,
-                format!("{name} leans on its {side} bound: the truth may lie outside"),
+                format!("{name} leans on its {side} bound; the truth may lie outside"),
             );
         }
     }

@@ -1,6 +1,6 @@
 //! What a filter says in a few numbers, and whether a calibration is done.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -10,7 +10,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::filter::{Noise, Runs, Weighting};
 use crate::prior::normal_quantile;
 use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
-use gl_table::{Table, parse_number, push_number, text, write_rows};
+use gl_table::{LARGEST, Table, parse_number, push_number, text, write_rows};
 
 /// One row of a summary table.
 #[derive(Serialize, Deserialize)]
@@ -183,12 +183,13 @@ impl Summary {
     }
 
     /// Where a quantity goes that a table names; nowhere if this version does not know it.
-    fn place(&mut self, quantity: &str) -> Option<&mut Option<f64>> {
+    ///
+    /// * `places` — where each parameter stands.
+    fn place(&mut self, quantity: &str, places: &mut HashMap<String, usize>) -> Option<&mut Option<f64>> {
         let Some((kind, name)) = quantity.strip_suffix(')').and_then(|rest| rest.split_once('(')) else {
             return self.quantity_mut(quantity);
         };
-        let place = self.parameters.iter().position(|parameter| parameter.name == name);
-        let place = place.unwrap_or_else(|| {
+        let place = *places.entry(name.to_owned()).or_insert_with(|| {
             self.parameters.push(ParameterSummary { name: name.to_owned(), ..Default::default() });
             self.parameters.len() - 1
         });
@@ -202,15 +203,19 @@ impl Summary {
     pub fn read(path: &Path) -> Result<Self> {
         let table = Table::read(path)?;
         let mut summary = Self::default();
-        let mut seen = HashSet::new();
+        let (mut seen, mut places) = (HashSet::new(), HashMap::new());
         for (row, Row { quantity, value }) in table.rows()?.into_iter().enumerate() {
             if !seen.insert(quantity.clone()) {
                 return table.fail(row, "quantity", format_args!("duplicate {quantity}"));
             }
             if quantity == "best_sample" {
                 summary.best_sample = Some(value);
-            } else if let Some(place) = summary.place(&quantity) {
+            } else if let Some(place) = summary.place(&quantity, &mut places) {
                 *place = match parse_number(&value) {
+                    Ok(number) if number.abs() > LARGEST => {
+                        let problem = format_args!("{quantity}: {number:e} is too large to calculate with");
+                        return table.fail(row, "value", problem);
+                    }
                     Ok(number) => Some(number),
                     Err(problem) => return table.fail(row, "value", format_args!("{quantity}: {problem}")),
                 };
@@ -227,7 +232,11 @@ impl Summary {
         let mut rows: Vec<Row> = Vec::new();
         let mut add = |quantity: String, value: Option<f64>| -> Result<()> {
             if let Some(value) = value {
-                ensure!(value.is_finite(), "{quantity}: the result is {value}, beyond what a number can say");
+                let name = path.map_or("stdout".into(), gl_table::source_name);
+                ensure!(
+                    value.is_finite(),
+                    "{name}: {quantity}: the result is {value}, beyond what a number can say"
+                );
                 let mut text = Vec::new();
                 push_number(&mut text, value);
                 rows.push(Row { quantity, value: String::from_utf8_lossy(&text).into_owned() });

@@ -29,7 +29,7 @@ pub struct Weights {
 
 impl Weights {
     /// Read a weights table: `sample weight`, `misfit` and `error` if they are there; all other
-    /// columns are parameters. The weights are made to sum to one.
+    /// columns of numbers are parameters. The weights are made to sum to one.
     ///
     /// # Errors
     /// If the table cannot be read, a sample is repeated, a weight is negative or all are zero.
@@ -97,10 +97,16 @@ impl Weights {
         let parameters: Vec<String> = format
             .columns()
             .iter()
-            .filter(|name| !matches!(name.as_str(), "sample" | "step" | "misfit" | "error" | "weight"))
-            .cloned()
+            .enumerate()
+            .filter(|(_, name)| !matches!(name.as_str(), "sample" | "step" | "misfit" | "error" | "weight"))
+            .filter(|(column, _)| !table.holds_words(*column))
+            .map(|(_, name)| name.clone())
             .collect();
-        let columns = parameters.iter().map(|name| numbers(name)).collect::<Result<Vec<_>>>()?;
+        let moderates = |name: &String| {
+            let column = format.column(name)?;
+            rows.iter().map(|&row| table.moderate(row, column)).collect::<Result<Vec<f64>>>()
+        };
+        let columns = parameters.iter().map(moderates).collect::<Result<Vec<_>>>()?;
         let optional = |name: &str| format.find(name)?.map(|_| numbers(name)).transpose();
         Ok(Self {
             samples: rows.iter().map(|&row| table.field(row, sample_column).to_owned()).collect(),

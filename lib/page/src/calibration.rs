@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use gl_figure::number::{interval, short, significant, with_sd};
 use gl_inference::prior::Prior;
-use gl_inference::stop::PARTS;
 use gl_inference::summary::Summary;
 use gl_table::Table;
 use serde::Serialize;
@@ -117,8 +116,10 @@ impl Calibration {
         let last =
             iterations.last().with_context(|| format!("{}: no iteration is finished", folder.display()))?;
         let stop = Table::read(&last.join("stop.txt"))?;
-        let (criterion, met) = (stop.format().column("criterion")?, stop.format().column("met")?);
-        let is_part = |row| PARTS.contains(&stop.field(row, criterion));
+        let met = stop.format().column("met")?;
+        // Some are only together a reason to stop.
+        let part = stop.format().find("part")?;
+        let is_part = |row| part.is_some_and(|part| stop.field(row, part) == "yes");
         let is_done = (0..stop.len()).any(|row| stop.field(row, met) == "yes" && !is_part(row));
         let tempered = iterations.iter().map(|iteration| Known::read(iteration.join("summary.txt")));
         Ok(Self {

@@ -20,7 +20,7 @@ mod write;
 
 pub use cursor::Cursor;
 pub use read::source_name;
-pub use read::{Format, Rows, open, parse_number, read_bytes};
+pub use read::{Format, LARGEST, Rows, open, parse_number, read_bytes};
 pub use runs::{Flaw, PieceRows, RunTable};
 pub use whole::Table;
 pub use write::{

@@ -11,6 +11,9 @@ use super::cursor::Cursor;
 use super::runs::PieceRows;
 use super::write::INCOMPLETE;
 
+/// The largest number that is calculated with: its square, divided by a small variance and summed, is a number still.
+pub const LARGEST: f64 = 1e100;
+
 /// How the fields of one table are laid out: its column names and what separates them.
 #[derive(Clone, Debug)]
 pub struct Format {
@@ -136,6 +139,22 @@ impl Format {
             return Err(format!("{} fields where the header names {}", fields.len(), self.columns.len()));
         }
         Ok(())
+    }
+
+    /// A field as a number that can be calculated with, up to [`LARGEST`].
+    ///
+    /// # Errors
+    /// If it is no such number; the message names file, line and column.
+    pub fn moderate(&self, line: usize, column: usize, field: &str) -> Result<f64> {
+        let value = self.number(line, column, field)?;
+        ensure!(
+            value.abs() <= LARGEST,
+            "{}:{line}: column {}: {value:e}, but the square of what exceeds {LARGEST:e} is soon beyond what a \
+             number can say; did a run blow up, or is the unit not a sensible one?",
+            self.source,
+            self.columns[column]
+        );
+        Ok(value)
     }
 
     /// A field as a finite number.

@@ -1,6 +1,7 @@
 //! From the fields of a row to a serde type, with errors that name the column.
 
 use std::fmt;
+use std::str::FromStr;
 
 use csv::StringRecord;
 use serde::de::value::{BorrowedStrDeserializer, MapAccessDeserializer, MapDeserializer};
@@ -80,45 +81,64 @@ impl<'de> MapAccess<'de> for Fields<'de> {
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Problem> {
         let place = self.next;
         self.next += 1;
-        seed.deserialize(Field(&self.record[place]))
+        seed.deserialize(Field(Some(&self.record[place])))
             .map_err(|problem| Problem { column: Some(self.columns[place].clone()), ..problem })
     }
 }
 
-/// One field: a finite number, a text, or `-` for nothing.
-struct Field<'a>(&'a str);
+/// One field: a finite number, a text, or `-` for nothing; without a text, a value as the type likes it.
+#[derive(Clone, Copy)]
+struct Field<'a>(Option<&'a str>);
+
+impl<'a> Field<'a> {
+    /// What `read` makes of the text, `any` where there is none.
+    fn value<T>(self, any: T, read: impl FnOnce(&'a str) -> Result<T, String>) -> Result<T, Problem> {
+        self.0.map_or(Ok(any), |text| read(text).map_err(de::Error::custom))
+    }
+
+    /// A whole number.
+    fn whole<T: FromStr>(self, any: T) -> Result<T, Problem> {
+        self.value(any, |text| text.parse().map_err(|_| format!("{text:?} is not a whole number")))
+    }
+}
+
+impl<'de> IntoDeserializer<'de, Problem> for Field<'de> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
 
 impl<'de> Deserializer<'de> for Field<'de> {
     type Error = Problem;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_borrowed_str(self.0)
+        visitor.visit_borrowed_str(self.0.unwrap_or("-"))
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_f64(parse_number(self.0).map_err(de::Error::custom)?)
+        visitor.visit_f64(self.value(1.0, |text| parse_number(text).map_err(|problem| problem.to_string()))?)
     }
 
     fn deserialize_u64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        let whole = || <Problem as de::Error>::custom(format_args!("{:?} is not a whole number", self.0));
-        visitor.visit_u64(self.0.parse().map_err(|_| whole())?)
+        visitor.visit_u64(self.whole(1)?)
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        let whole = || <Problem as de::Error>::custom(format_args!("{:?} is not a whole number", self.0));
-        visitor.visit_i64(self.0.parse().map_err(|_| whole())?)
+        visitor.visit_i64(self.whole(1)?)
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        match self.0 {
-            "yes" => visitor.visit_bool(true),
-            "no" => visitor.visit_bool(false),
-            other => Err(de::Error::custom(format_args!("{other:?} is neither yes nor no"))),
-        }
+        visitor.visit_bool(self.value(true, |text| match text {
+            "yes" => Ok(true),
+            "no" => Ok(false),
+            other => Err(format!("{other:?} is neither yes nor no")),
+        })?)
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        if matches!(self.0, "-" | "") { visitor.visit_none() } else { visitor.visit_some(self) }
+        if matches!(self.0, None | Some("-" | "")) { visitor.visit_none() } else { visitor.visit_some(self) }
     }
 
     fn deserialize_enum<V: Visitor<'de>>(
@@ -127,10 +147,11 @@ impl<'de> Deserializer<'de> for Field<'de> {
         variants: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Problem> {
-        if !variants.contains(&self.0) {
-            return Err(de::Error::custom(format_args!("{:?} is none of {}", self.0, variants.join(", "))));
-        }
-        visitor.visit_enum(self.0.into_deserializer())
+        let variant = self.value(variants[0], |text| match variants.contains(&text) {
+            true => Ok(text),
+            false => Err(format!("{text:?} is none of {}", variants.join(", "))),
+        })?;
+        visitor.visit_enum(variant.into_deserializer())
     }
 
     fn deserialize_newtype_struct<V: Visitor<'de>>(
@@ -180,74 +201,12 @@ impl<'de, H: Fn(&str) -> bool> Deserializer<'de> for Probe<'_, H> {
         visitor: V,
     ) -> Result<V::Value, Problem> {
         *self.names = names;
-        let there = names.iter().filter(|name| (self.has)(name)).map(|name| (*name, Anything));
+        let there = names.iter().filter(|name| (self.has)(name)).map(|name| (*name, Field(None)));
         visitor.visit_map(MapDeserializer::new(there))
     }
 
     forward_to_deserialize_any! {
         bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit
         unit_struct newtype_struct seq tuple tuple_struct map enum identifier ignored_any
-    }
-}
-
-/// A value of any type.
-#[derive(Clone, Copy)]
-struct Anything;
-
-impl<'de> IntoDeserializer<'de, Problem> for Anything {
-    type Deserializer = Self;
-
-    fn into_deserializer(self) -> Self {
-        self
-    }
-}
-
-impl<'de> Deserializer<'de> for Anything {
-    type Error = Problem;
-
-    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_borrowed_str("-")
-    }
-
-    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_f64(1.0)
-    }
-
-    fn deserialize_u64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_u64(1)
-    }
-
-    fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_i64(1)
-    }
-
-    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_bool(true)
-    }
-
-    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Problem> {
-        visitor.visit_none()
-    }
-
-    fn deserialize_enum<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        variants: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Problem> {
-        visitor.visit_enum(variants[0].into_deserializer())
-    }
-
-    fn deserialize_newtype_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, Problem> {
-        visitor.visit_newtype_struct(self)
-    }
-
-    forward_to_deserialize_any! {
-        i8 i16 i32 i128 u8 u16 u32 u128 f32 char str string bytes byte_buf unit unit_struct seq tuple
-        tuple_struct map struct identifier ignored_any
     }
 }

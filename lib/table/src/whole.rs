@@ -108,6 +108,31 @@ impl Table {
         self.format.number(self.lines[row], column, self.field(row, column))
     }
 
+    /// The field at a row and column, as a number up to [`LARGEST`](crate::LARGEST).
+    ///
+    /// # Errors
+    /// If it is not one.
+    pub fn moderate(&self, row: usize, column: usize) -> Result<f64> {
+        self.format.moderate(self.lines[row], column, self.field(row, column))
+    }
+
+    /// A column of numbers up to [`LARGEST`](crate::LARGEST), by name.
+    ///
+    /// # Errors
+    /// See [`Table::numbers`]; also if a number is larger.
+    pub fn moderates(&self, name: &str) -> Result<Vec<f64>> {
+        let column = self.format.column(name)?;
+        (0..self.len()).map(|row| self.moderate(row, column)).collect()
+    }
+
+    /// Whether a column holds words and no number in any row; not one without rows.
+    pub fn holds_words(&self, column: usize) -> bool {
+        let is_word = |row| {
+            !matches!(self.field(row, column), "" | "-") && self.field(row, column).parse::<f64>().is_err()
+        };
+        !self.is_empty() && (0..self.len()).all(is_word)
+    }
+
     /// A column of finite numbers, by name.
     ///
     /// # Errors

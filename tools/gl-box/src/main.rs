@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use gl_cli::about;
 use gl_gap::design_box::{Limit, narrow, read_leans, widen};
 use gl_inference::prior::Prior;
 use gl_inference::weights::Weights;
@@ -60,15 +61,16 @@ Example:
 fn run(args: &Args) -> Result<bool> {
     match &args.what {
         What::Narrow { params, output, weights } => {
-            let narrowed = narrow(&Prior::read(params)?, &Weights::read(weights)?)?;
+            let narrowed = about(narrow(&Prior::read(params)?, &Weights::read(weights)?), [weights, params])?;
             narrowed.write(output.as_deref())?;
             Ok(true)
         }
         What::Widen { params, narrowed, beyond, output, posterior } => {
-            let narrowed = Prior::read(narrowed)?;
+            let (prior, within) = (Prior::read(params)?, Prior::read(narrowed)?);
             let limit = if *beyond { Limit::Beyond } else { Limit::Prior };
-            let wider = widen(&Prior::read(params)?, &narrowed, &read_leans(posterior)?, limit)?;
-            wider.as_ref().unwrap_or(&narrowed).write(output.as_deref())?;
+            let wider = widen(&prior, &within, &read_leans(posterior)?, limit);
+            let wider = about(wider, [narrowed, params, posterior])?;
+            wider.as_ref().unwrap_or(&within).write(output.as_deref())?;
             Ok(wider.is_some())
         }
     }

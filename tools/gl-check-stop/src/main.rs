@@ -75,5 +75,9 @@ fn run(args: &Args) -> Result<bool> {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-check-stop", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-check-stop",
+        gl_cli::about(run(&args), [&args.summary].into_iter().chain(&args.previous)),
+    )
 }

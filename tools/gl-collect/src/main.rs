@@ -1,5 +1,8 @@
 //! Bring the runs onto the steps of the measurement, leaving out those that failed.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::{Parser, ValueEnum};
 use gl_cli::world::{FAILED_RUNS, Shell};
 use gl_world::{Contact, Step};
@@ -59,7 +59,7 @@ fn run(args: &Args) -> Result<()> {
         (None, Programme::Cycles) => Step::cycles(args.overlap, args.steps, args.speed, args.fast),
     };
     let world = Contact { radius: args.radius, shear: args.shear, path };
-    world.check()?;
+    world.check().with_context(|| args.shell.origin("--overlap, --radius, --shear, --speed"))?;
     args.shell.run("gl-contact", &world)
 }
 

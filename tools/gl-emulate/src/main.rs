@@ -41,7 +41,7 @@ struct Args {
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
     /// Share of the variance of the simulation's scatter that is in the _sd columns
-    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Seed of the places that the training starts from
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -114,5 +114,6 @@ fn note(message: impl std::fmt::Display) {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-emulate", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish("gl-emulate", gl_cli::about(run(&args), [&args.ensemble, &args.samples, &args.params]))
 }

@@ -9,11 +9,12 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::{conclude, note};
-use gl_inference::filter::{Noise, Runs, Target, weigh, weigh_emulated};
+use gl_inference::filter::{Noise, Runs, Target, Weighting, weigh, weigh_emulated};
 use gl_inference::misfit::{Incomplete, Misfits, Partial};
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
+use gl_inference::stop::leaning_verdicts;
 use gl_inference::summary::{Evidence, Summary};
 use gl_inference::weights::Weights;
 use gl_table::verdict::Verdicts;
@@ -121,18 +122,9 @@ fn run(args: &Args) -> Result<()> {
     let ln_proposal = ln_balance_heuristic(&samples, &counts, &proposals(args)?, &used)?;
     let runs = Runs::new(misfits.total.clone(), places.iter().map(|&i| ln_proposal[i]).collect())?;
     let values: Vec<Vec<f64>> = places.iter().map(|&i| samples.values[i].clone()).collect();
-
     let noise = noise(&runs, &misfits, &values);
-    let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
-    let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
-    let floor = args.sigma_min.map(|sigma| sigma.0);
-    let is_emulated = misfits.ignorance.iter().any(|ignorance| *ignorance > 0.0);
-    let weighting = match (floor, noise) {
-        (Some(Target::Noise), Noise::Known) if is_emulated => {
-            weigh_emulated(&runs, target, &misfits.ignorance)?
-        }
-        _ => weigh(&runs, target, floor, noise)?,
-    };
+    let weighting = weighting(args, &runs, &misfits, noise)?;
+
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
     let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
     let evidence = Evidence {
@@ -154,7 +146,6 @@ fn run(args: &Args) -> Result<()> {
     }
     summary.sigma_tol = args.sigma_tol;
     conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref())?;
-
     let course = Course {
         misfits: &misfits,
         runs: &runs,
@@ -163,6 +154,25 @@ fn run(args: &Args) -> Result<()> {
         parameters: &samples.parameters,
         values: &values,
     };
+    write(args, &course, &summary)
+}
+
+/// The weights that were asked for: at a sigma, or at the one of an effective sample size.
+fn weighting(args: &Args, runs: &Runs, misfits: &Misfits, noise: Noise) -> Result<Weighting> {
+    let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
+    let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
+    let floor = args.sigma_min.map(|sigma| sigma.0);
+    let is_emulated = misfits.ignorance.iter().any(|ignorance| *ignorance > 0.0);
+    match (floor, noise) {
+        (Some(Target::Noise), Noise::Known) if is_emulated => {
+            weigh_emulated(runs, target, &misfits.ignorance)
+        }
+        _ => weigh(runs, target, floor, noise),
+    }
+}
+
+/// All tables, the weights last.
+fn write(args: &Args, course: &Course<'_>, summary: &Summary) -> Result<()> {
     if let Some(path) = &args.history {
         course.write_history(path)?;
     }
@@ -174,12 +184,12 @@ fn run(args: &Args) -> Result<()> {
     }
     Weights {
         source: "weights".to_owned(),
-        samples: misfits.samples.clone(),
-        parameters: samples.parameters.clone(),
-        values,
-        misfit: Some(runs.misfit.clone()),
-        error: Some(misfits.mean_error),
-        weight: weighting.weights()?,
+        samples: course.misfits.samples.clone(),
+        parameters: course.parameters.to_vec(),
+        values: course.values.to_vec(),
+        misfit: Some(course.runs.misfit.clone()),
+        error: Some(course.misfits.mean_error.clone()),
+        weight: course.last.weights()?,
     }
     .write(args.output.as_deref())
 }
@@ -257,19 +267,14 @@ fn verdicts(summary: &Summary) -> Verdicts {
             format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened"),
         );
     }
-    for parameter in &summary.parameters {
-        if let Some(side) = parameter.leaning_side() {
-            let name = &parameter.name;
-            verdicts.add(
-                "leans",
-                name,
-                format!("{name} leans on its {side} bound; the truth may lie outside"),
-            );
-        }
-    }
+    leaning_verdicts(summary, &mut verdicts);
     verdicts
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-filter", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-filter",
+        gl_cli::about(run(&args), args.misfits.iter().chain(&args.samples).chain(&args.params)),
+    )
 }

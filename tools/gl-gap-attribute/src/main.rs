@@ -1,5 +1,8 @@
 //! Say which effect, if any, explains the gap between a simulation and a measurement.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -54,11 +57,11 @@ struct Args {
     #[arg(long, value_name = "KIND,…", value_delimiter = ',')]
     measurement: Vec<Kind>,
     /// Effects that may be at work together
-    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = gl_cli::few)]
     max_effects: usize,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
-    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Also write the probability of each effect to be in: effect, probability
     #[arg(long, value_name = "FILE")]
@@ -84,7 +87,7 @@ struct Args {
     #[arg(long, value_name = "FILE")]
     next_out: Option<PathBuf>,
     /// Number of samples to run next; 10 for each parameter when absent
-    #[arg(long, value_name = "N", requires = "next_out")]
+    #[arg(long, value_name = "N", requires = "next_out", value_parser = gl_cli::few)]
     next: Option<usize>,
     /// First part of the names of the samples to run next, <NAME>_Iter<i>_Sample<j>
     #[arg(long, default_value = "next", requires = "next_out")]
@@ -96,7 +99,7 @@ struct Args {
     #[arg(long, value_name = "T", requires = "next_out")]
     threads: Option<NonZeroUsize>,
     /// Call N runs of the design the measurement in turn, and say how often what is in them is found
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = gl_cli::few)]
     self_check: Option<usize>,
     /// Seed of the search and the sampling
     #[arg(long, default_value_t = 0)]
@@ -127,6 +130,11 @@ Example (a line with a bend that the base model lacks):
 const LIKELY: f64 = 0.01;
 
 fn run(args: &Args) -> Result<()> {
+    for (i, kind) in args.measurement.iter().enumerate() {
+        let is_new = !args.measurement[..i].contains(kind);
+        let name = format!("{kind:?}").to_lowercase();
+        ensure!(is_new, "--measurement: {name} is given twice; give each effect of the measurement once");
+    }
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
     let prior = Prior::read(&args.params)?;
@@ -274,5 +282,9 @@ fn note(message: impl std::fmt::Display) {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-gap-attribute", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-gap-attribute",
+        gl_cli::about(run(&args), [&args.ensemble, &args.samples, &args.params, &args.observations]),
+    )
 }

@@ -88,5 +88,9 @@ fn write(path: Option<&Path>, parts: &[Part], located: &[Vec<Stretch>]) -> Resul
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-gap-locate", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-gap-locate",
+        gl_cli::about(run(&args), args.ensembles.iter().chain([&args.weights]).chain(args.measured.tables())),
+    )
 }

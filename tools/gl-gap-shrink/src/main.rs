@@ -37,7 +37,7 @@ struct Args {
     calibrated: Option<Steps>,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
-    #[arg(long, value_name = "F", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
     /// Seed of the interval's replicates; the same seed gives the same interval on every machine
     #[arg(long, default_value_t = 1)]
@@ -123,6 +123,12 @@ fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {
     let Some(seen) = args.calibrated else {
         return Ok(args.steps.map(|unseen| unseen.within(steps)).transpose()?.map(Iterator::collect));
     };
+    ensure!(
+        seen.to == usize::MAX || seen.to <= steps,
+        "--calibrated {}:{}: the measurement has {steps} steps; end at {steps} or leave the end out",
+        seen.from,
+        seen.to
+    );
     let unseen: Vec<usize> = (0..steps).filter(|&step| !seen.contains(step)).collect();
     ensure!(
         !unseen.is_empty(),
@@ -143,5 +149,9 @@ fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Res
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-gap-shrink", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    let inputs = [&args.after, &args.before]
+        .into_iter()
+        .flat_map(|tables| tables.ensembles.iter().chain([&tables.weights]));
+    gl_cli::finish("gl-gap-shrink", gl_cli::about(run(&args), inputs.chain(args.measured.tables())))
 }

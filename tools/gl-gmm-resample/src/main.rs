@@ -1,5 +1,8 @@
 //! Draw the next samples where the weight lies.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,7 +31,7 @@ struct Args {
     #[arg(short, long, value_name = "N", value_parser = gl_cli::count)]
     num: usize,
     /// Components of the mixture at the most; when absent, as many as the effective samples can show, up to 10
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = gl_cli::few)]
     components: Option<usize>,
     /// Shape of the components
     #[arg(long, value_enum, default_value = "full")]
@@ -87,7 +90,10 @@ fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.proposal_out.as_ref()])?;
     ensure!(args.num > 0, "draw at least one sample");
     ensure!(args.components != Some(0), "--components: a mixture has at least one");
-    ensure!(args.concentration.is_none_or(|c| c > 0.0), "--concentration must be positive");
+    ensure!(
+        args.concentration.is_none_or(|c| c > 0.0 && c <= 1e6),
+        "--concentration must be positive, and at most 1e6"
+    );
     let prior = Prior::read(&args.params)?;
     let weights = Weights::read(&args.weights)?;
     let how = Resampling {
@@ -133,5 +139,6 @@ fn default_components(weights: &Weights) -> usize {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-gmm-resample", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish("gl-gmm-resample", gl_cli::about(run(&args), [&args.weights, &args.params]))
 }

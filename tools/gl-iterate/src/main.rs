@@ -1,5 +1,8 @@
 //! Take runs that were made elsewhere through one iteration of a calibration.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -6,6 +6,7 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use gl_inference::ensemble::Ensemble;
 
+use crate::input::check_panels;
 use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
@@ -49,6 +50,7 @@ type Triple = (f64, f64, Option<f64>);
 impl Emulator {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
         let runs = Ensemble::read_by_header(&self.ensemble, self.control.as_deref(), &self.observables)?;
+        check_panels(&runs.source, runs.observables.len())?;
         let predicted = Ensemble::read(&self.predicted, &runs.control_name, &runs.observables)?;
         ensure!(!predicted.is_empty(), "{}: no runs; there is nothing to draw", predicted.source);
         let index = runs.index();

@@ -12,6 +12,7 @@ use gl_inference::predict::predict;
 use gl_inference::stack::{Stack, TestTables};
 use gl_inference::weights::Weights;
 
+use crate::input::check_panels;
 use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
@@ -85,6 +86,8 @@ const MOST_BARS: usize = 60;
 impl Fit {
     pub fn draw(&self, style: &Style) -> Result<Scene> {
         let parts = self.parts()?;
+        let panels = parts.iter().map(|part| part.observations.names.len()).sum();
+        check_panels(&parts[0].ensemble.source, panels)?;
         let weights = self.weights.as_deref().map(Weights::read).transpose()?;
         let first = &parts[0].ensemble;
         ensure!(!first.is_empty(), "{}: no runs; there is nothing to draw", first.source);

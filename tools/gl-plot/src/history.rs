@@ -8,7 +8,7 @@ use gl_inference::summary::Summary;
 use gl_table::Table;
 
 use crate::Style;
-use crate::input::Parameters;
+use crate::input::{Parameters, check_panels};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
@@ -122,6 +122,7 @@ fn along_steps(table: &Table, parameters: &Parameters) -> Result<Vec<Stacks>> {
         .filter_map(|column| column.strip_prefix("mean(")?.strip_suffix(')'))
         .collect();
     ensure!(!names.is_empty(), "{source}:1: no column mean(NAME); is it the history of gl-filter?");
+    check_panels(source, names.len())?;
     let mut columns = Vec::new();
     for name in names {
         let means = table.numbers(&format!("mean({name})"))?;
@@ -164,6 +165,7 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
         let trend = Trend::new(&iteration, quantities(name)?, label, name, color::GREEN);
         numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
     }
+    check_panels(&tables[0].0.display().to_string(), tables[0].1.parameters.len())?;
     let mut means = Vec::new();
     for parameter in &tables[0].1.parameters {
         let name = &parameter.name;

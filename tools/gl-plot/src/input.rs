@@ -29,7 +29,23 @@ pub fn read_step_weights(path: &Path) -> Result<Vec<(Option<f64>, Weights)>> {
     steps.into_iter().map(|(step, weights)| Ok((step, with_parameters(weights)?))).collect()
 }
 
+/// The most panels of a picture: a page of them is some ten.
+const MOST_PANELS: usize = 500;
+
+/// Refuse a picture of so many panels that nobody could look at them.
+///
+/// # Errors
+/// If there are too many.
+pub fn check_panels(source: &str, count: usize) -> Result<()> {
+    ensure!(
+        count <= MOST_PANELS,
+        "{source}: a picture of {count} panels, but it can have {MOST_PANELS}; draw fewer columns at a time"
+    );
+    Ok(())
+}
+
 fn with_parameters(weights: Weights) -> Result<Weights> {
+    check_panels(&weights.source, weights.parameters.len())?;
     ensure!(
         !weights.parameters.is_empty(),
         "{}:1: no parameters; a column for each is needed beside sample and weight",

@@ -11,7 +11,7 @@ use gl_numeric::density::{joint, levels, marginal};
 
 use crate::Style;
 use crate::input::{
-    Estimate, Parameters, check_truth, column, moving, place_within, read_weights, stem, within,
+    Estimate, Parameters, check_panels, check_truth, column, moving, place_within, read_weights, stem, within,
 };
 use gl_figure::axis::{Label, Span};
 use gl_figure::contour;
@@ -129,6 +129,7 @@ impl Pairs {
         let weights = moving(all);
         let names = weights.parameters.clone();
         let n = names.len();
+        check_panels(&weights.source, n * (n + 1) / 2)?;
         let values: Vec<Vec<f64>> = (0..n).map(|j| column(&weights, j)).collect();
         let clouds = self.clouds(&names, &values)?;
         let span = |j: usize| {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
@@ -37,7 +37,7 @@ struct Args {
     weights: Option<ByName>,
     /// Share of the variance of the simulation's scatter that the measurement has too; by default estimated
     /// with the fit, between 0 and 1
-    #[arg(long, value_name = "F", value_parser = gl_cli::not_negative)]
+    #[arg(long, value_name = "F", value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: Option<f64>,
     /// Take the noise as it is stated, however correlated or large the residuals are
     #[arg(long)]
@@ -49,13 +49,13 @@ struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Number of draws
-    #[arg(short = 'n', long, value_name = "DRAWS", default_value_t = 1000)]
+    #[arg(short = 'n', long, value_name = "DRAWS", default_value_t = 1000, value_parser = gl_cli::few)]
     num: usize,
     /// Where the samples to run next go
     #[arg(long, value_name = "FILE", requires = "next")]
     next_out: Option<PathBuf>,
     /// Number of samples to run next
-    #[arg(long, value_name = "N", requires = "next_out")]
+    #[arg(long, value_name = "N", requires = "next_out", value_parser = gl_cli::few)]
     next: Option<usize>,
     /// Name of the samples to run next
     #[arg(long, value_name = "NAME", default_value = "gl")]
@@ -95,6 +95,9 @@ Example (several tests of the same samples):
     --test first:obs.txt:u:f:f=0.02 --test second:obs.txt:u:f:f=0.02 \\
     first=ensemble.txt second=ensemble.txt -o draws.txt";
 
+/// The most samples to run next: their covariances are held.
+const MOST_NEXT: usize = 1000;
+
 fn run(args: &Args) -> Result<()> {
     let outputs =
         [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
@@ -106,6 +109,9 @@ fn run(args: &Args) -> Result<()> {
     let measurement = args.measured.read()?;
     let ensemble = measurement.ensemble("gl-posterior", &args.ensembles)?;
     ensure!(args.num >= 2, "-n {}: give at least 2 draws", args.num);
+    if let Some(next) = args.next.filter(|next| *next > MOST_NEXT) {
+        bail!("--next {next}: give at most {MOST_NEXT}, which are chosen by what they tell together");
+    }
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
 
     let steps = measurement.steps(args.steps)?;
@@ -166,5 +172,12 @@ fn next(args: &Args, inference: &Inference, count: usize, iteration: usize) -> R
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-posterior", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish(
+        "gl-posterior",
+        gl_cli::about(
+            run(&args),
+            args.ensembles.iter().chain(&args.samples).chain([&args.params]).chain(args.measured.tables()),
+        ),
+    )
 }

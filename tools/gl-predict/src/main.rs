@@ -62,5 +62,6 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-predict", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish("gl-predict", gl_cli::about(run(&args), [&args.ensemble].into_iter().chain(&args.weights)))
 }

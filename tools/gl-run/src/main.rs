@@ -1,5 +1,8 @@
 //! Run a simulator at every sample of a table.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
+
 mod call;
 mod inner;
 mod queue;

@@ -25,6 +25,9 @@ pub struct Queue {
     /// What the site wants, instead of the table [cluster] in case.toml of the case
     #[arg(long, value_name = "FILE")]
     cluster: Option<PathBuf>,
+    /// A setting of case.toml for this call, such as cluster.partition=short; may be repeated
+    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "cluster")]
+    set: Vec<String>,
 }
 
 /// The settings of a site.
@@ -60,7 +63,7 @@ impl Queue {
         let (cluster, packed) = match &self.cluster {
             Some(file) => (Cluster::read(file)?, None),
             None if path.exists() => {
-                let case = Case::load::<&str>(&call.case, &[])?;
+                let case = Case::load(&call.case, &self.set)?;
                 (case.cluster, case.packed)
             }
             None => (Cluster::default(), None),

@@ -1,5 +1,8 @@
 //! Draw parameter samples from the prior, one row a sample.
 
+// A help text is no Markdown.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -110,5 +113,6 @@ fn run(args: &Args) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    gl_cli::finish("gl-sample", run(&gl_cli::parse()))
+    let args: Args = gl_cli::parse();
+    gl_cli::finish("gl-sample", gl_cli::about(run(&args), [&args.params]))
 }

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Parser;
 use gl_cli::world::{FAILED_RUNS, Shell};
 use gl_world::Triaxial;
@@ -46,7 +46,7 @@ fn run(args: &Args) -> Result<()> {
         None => Triaxial::load(args.strain, args.steps),
     };
     let world = Triaxial { cell: args.cell, void_ratio: args.void_ratio, diameter: args.diameter, path };
-    world.check()?;
+    world.check().with_context(|| args.shell.origin("--strain, --cell, --diameter"))?;
     args.shell.run("gl-triaxial", &world)
 }
 

@@ -293,6 +293,14 @@ pub(crate) fn run(
     if case.packed == Some(true) {
         call = call.arg("--packed");
     }
+    if engine.is_queue() {
+        // It reads [cluster] of case.toml itself.
+        let is_site = |text: &&String| {
+            let key = text.split(['=', '.']).next().unwrap_or_default().trim().to_lowercase();
+            matches!(key.as_str(), "cluster" | "packed")
+        };
+        call = case.given.iter().filter(is_site).fold(call, |call, text| call.flag("--set", text));
+    }
     let leaves = !wait && engine.is_queue();
     if leaves {
         call = call.arg("--no-wait");

@@ -2,7 +2,7 @@ use super::complete::{check_complete, malformed};
 use super::{Collection, Failure};
 use crate::alignment::align;
 use crate::samples::Samples;
-use gl_table::{Format, Rows, parse_number};
+use gl_table::{Format, LARGEST, Rows, parse_number};
 
 impl Collection<'_> {
     /// A run at the steps of the measurement, shape (observables, steps), from what is in its two files.
@@ -47,16 +47,13 @@ impl Collection<'_> {
         }
         let control = values.remove(0);
         for (name, values) in self.observables.iter().zip(&values) {
-            if let Some(value) = values.iter().find(|value| value.abs() > HIGHEST) {
+            if let Some(value) = values.iter().find(|value| value.abs() > LARGEST) {
                 return Err(Failure::NonFinite(format!("{file}: column {name}: {value:e}: the run blew up")));
             }
         }
         align(&self.observations.control, &control, &values, self.end_tolerance)
     }
 }
-
-/// Above this the square of a value, divided by a small noise, is no number any more.
-const HIGHEST: f64 = 1e100;
 
 fn number(format: &Format, line: usize, column: usize, field: &str) -> Result<f64, Failure> {
     parse_number(field).map_err(|problem| {

@@ -131,43 +131,59 @@ impl Comparison<'_> {
                 sample = name;
             }
             let step = values.len() / m;
-            let value = |column: usize| {
-                parse_number(fields[column])
-                    .map_err(|problem| flaw(format!("column {}: {problem}", format.columns()[column])))
-            };
-            if parse_number(fields[columns.step]).ok() != Some(step as f64) {
-                let found = fields[columns.step];
-                return Err(flaw(format!("column step: {found} where step {step} of {name} should follow")));
-            }
-            if step >= total {
-                return Err(flaw(format!("step {step}, but {} has {total} rows", self.observations.source)));
-            }
-            let (at, expected) = (value(columns.control)?, self.observations.control[step]);
-            if (at - expected).abs() > form.tolerance {
-                return Err(flaw(format!(
-                    "column {}: {at}, but step {step} of {} is at {expected}; collect the runs with this measurement",
-                    self.observations.control_name, self.observations.source
-                )));
-            }
-            for &column in &columns.observables {
-                values.push(value(column)?);
-            }
-            for &column in columns.sd.iter().flatten() {
-                let sd = value(column)?;
-                if sd < 0.0 {
-                    let name = &format.columns()[column];
-                    return Err(flaw(format!(
-                        "column {name}: {sd}, but a standard deviation is not negative"
-                    )));
-                }
-                sds.push(sd);
-            }
+            self.row(format, form, (step, line), &fields, (&mut values, &mut sds))?;
             last = line;
         }
         if last > 0 {
             close(sample, &mut values, &mut sds, last)?;
         }
         Ok(Piece { rows: output, left_out })
+    }
+
+    /// Take in the row of step `step`, with all that can be wrong with it.
+    ///
+    /// * `values`, `sds` — of its run so far, to which its own are added.
+    fn row(
+        &self,
+        format: &Format,
+        form: &Form,
+        (step, line): (usize, usize),
+        fields: &[&str],
+        (values, sds): (&mut Vec<f64>, &mut Vec<f64>),
+    ) -> Result<(), Flaw> {
+        let (columns, total) = (&form.columns, self.observations.steps());
+        let flaw = |problem: String| Flaw { line, problem };
+        let name = fields[columns.sample];
+        let value = |column: usize| {
+            parse_number(fields[column])
+                .map_err(|problem| flaw(format!("column {}: {problem}", format.columns()[column])))
+        };
+        if parse_number(fields[columns.step]).ok() != Some(step as f64) {
+            let found = fields[columns.step];
+            return Err(flaw(format!("column step: {found} where step {step} of {name} should follow")));
+        }
+        if step >= total {
+            return Err(flaw(format!("step {step}, but {} has {total} rows", self.observations.source)));
+        }
+        let (at, expected) = (value(columns.control)?, self.observations.control[step]);
+        if (at - expected).abs() > form.tolerance {
+            return Err(flaw(format!(
+                "column {}: {at}, but step {step} of {} is at {expected}; collect the runs with this measurement",
+                self.observations.control_name, self.observations.source
+            )));
+        }
+        for &column in &columns.observables {
+            values.push(value(column)?);
+        }
+        for &column in columns.sd.iter().flatten() {
+            let sd = value(column)?;
+            if sd < 0.0 {
+                let name = &format.columns()[column];
+                return Err(flaw(format!("column {name}: {sd}, but a standard deviation is not negative")));
+            }
+            sds.push(sd);
+        }
+        Ok(())
     }
 
     fn write_rows(&self, sample: &str, run: &RunMisfit, form: &Form, output: &mut Vec<u8>) {

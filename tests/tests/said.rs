@@ -1,0 +1,53 @@
+//! What users read, word for word. `INSTA_UPDATE=always` shows what has become of it.
+
+#![allow(clippy::unwrap_used)]
+
+use insta::assert_snapshot;
+use pipelines::folder::Folder;
+use pipelines::fuzz::calls::tables;
+
+#[test]
+fn what_a_filter_says_of_few_runs_and_a_bound() {
+    let folder = tables();
+    folder.write("params.txt", "name lower upper\na 0.1 1\nb 4.8 10\n");
+    assert_snapshot!(folder.run("gl-filter -s samples.txt -p params.txt --sigma 1e-4 misfit.txt -o w.txt"), @"
+    gl-filter: the weight rests on 1.0 runs; take the means as rough, the intervals are widened
+    gl-filter: b leans on its lower bound; the truth may lie outside
+    ");
+}
+
+#[test]
+fn what_an_attribution_says_of_a_cause() {
+    let call = "gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y \
+                --noise y=0.1 effects-runs.txt -o out.txt";
+    assert_snapshot!(tables().run(call), @"
+    gl-gap-attribute: the calibrated base model misses the measurement by 6.55 % of its range; noise and scatter alone would give 0.37 %
+    gl-gap-attribute: bending explains it: probability 1.00
+    gl-gap-attribute: adding it should close 100 % of the gap
+    gl-gap-attribute: the readings of y scatter 0.698 times what was stated; the verdict is by what they do
+    ");
+}
+
+#[test]
+fn what_a_check_says_of_a_case() {
+    let said = tables().run("gl-check case");
+    // The disk is another one everywhere.
+    let said: Vec<&str> = said.lines().filter(|line| !line.contains(" MB ")).collect();
+    assert_snapshot!(said.join("\n"), @"
+    gl-check: case: 2 parameters against 20 readings of y on x; the noise is known
+    gl-check: the engine local runs: cat {a} {b}
+    gl-check: a calibration takes 20 runs an iteration, 3 iterations at the most: 60 runs at the most
+    ");
+}
+
+#[test]
+fn what_a_check_says_of_all_that_is_wrong() {
+    let folder: Folder = tables();
+    folder.write("case/obs.txt", "x z\n0 1\n");
+    folder.write("case/params.txt", "name lower upper\na 2 1\n");
+    let output = folder.call("gl-check case", "");
+    assert_snapshot!(String::from_utf8_lossy(&output.stderr), @"
+    gl-check: case/params.txt:2: column upper: 1 is not above the lower bound 2 of a
+        case/obs.txt:1: no column y; the columns are x, z
+    ");
+}
