@@ -126,13 +126,19 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     // One noise, that of the model which is right.
     let noise = after.model.nuisances(after.mode.w.as_slice()).scales;
     let floors = [own_floor(before, &noise)?, own_floor(after, &noise)?];
+    let readings = after.mean.len() as f64;
     let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
-    let above = |gap: f64, floor: f64| (gap * gap - floor * floor).max(0.0);
-    let shrink = |(&before, &after): (&f64, &f64)| {
-        let (before, after) = (above(before, floors[0]), above(after, floors[1]));
-        if before > 0.0 { 1.0 - (after / before).min(1.0) } else { 0.0 }
-    };
-    let shrinks: Vec<f64> = before.iter().zip(&after).map(shrink).collect();
+    let shrinks: Vec<f64> = before
+        .iter()
+        .zip(&after)
+        .map(|(&before, &after)| {
+            // The square of the noise in so many readings is known no better than to the root of 2/n.
+            let level = (1.0 + (2.0 / readings).sqrt() * standard_normal(&mut random)).max(0.0);
+            let above = |gap: f64, floor: f64| (gap * gap - level * floor * floor).max(0.0);
+            let (before, after) = (above(before, floors[0]), above(after, floors[1]));
+            if before > 0.0 { 1.0 - (after / before).min(1.0) } else { 0.0 }
+        })
+        .collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
 }
