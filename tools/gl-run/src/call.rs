@@ -8,8 +8,13 @@ use std::thread;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use gl_engine::Say;
+use gl_engine::batch_table::BatchTable;
 use gl_engine::call::{Batch, Call};
+use gl_engine::complete::missing;
 use gl_engine::job::Limit;
+use gl_engine::kept;
+use gl_engine::report::{Report, report};
 
 /// What to run, and where it goes.
 #[derive(Args)]
@@ -35,6 +40,9 @@ pub struct Shared {
     /// [env: PACKED=1]
     #[arg(long)]
     packed: bool,
+    /// Take runs of the same parameters from this packed file, compressed if it ends in .gz, instead of making them
+    #[arg(long, value_name = "FILE")]
+    kept: Option<PathBuf>,
     /// Where the runs have their scratch folders, such as a fast disk [env: GL_SCRATCH] [default: in DIR]
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
@@ -68,6 +76,20 @@ impl Shared {
             packed,
             scratch: self.scratch.clone().or_else(|| given("GL_SCRATCH").map(PathBuf::from)),
         })
+    }
+
+    /// Take over the runs that are kept, before the model is looked at: how the call went, where they are all that
+    /// was wanted.
+    pub fn kept(&self, say: Say) -> Result<Option<Report>> {
+        let Some(kept) = &self.kept else { return Ok(None) };
+        let table = BatchTable::read(&self.samples)?;
+        let taken = kept::take(kept, &table, &self.dir, say)?;
+        if taken > 0 {
+            let (rows, kept) = (table.len(), kept.display());
+            say(&format!("{taken} of {rows} runs are not made but taken from {kept}, with the same parameters"));
+        }
+        let left = missing(&table, &self.dir)?;
+        Ok(if left.is_empty() { Some(report(&table, &self.dir, &left)?) } else { None })
     }
 
     /// The folder of the case.

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use gl_case::Engine;
+use gl_engine::report::Report;
 use gl_engine::{Say, embedded, local, yade_batch};
 
 use call::Shared;
@@ -67,6 +68,17 @@ enum Task {
     Inner(inner::Inner),
 }
 
+impl Task {
+    /// [`call::Shared::kept`], of those that make runs.
+    fn kept(&self, say: Say) -> Result<Option<Report>> {
+        match self {
+            Self::Local(shared) | Self::YadeBatch(shared) | Self::Embedded(shared) => shared.kept(say),
+            Self::Slurm(queue) | Self::Pbs(queue) => queue.shared.kept(say),
+            _ => Ok(None),
+        }
+    }
+}
+
 /// A message for the user.
 fn say(message: &str) {
     gl_cli::note(NAME, message);
@@ -75,6 +87,10 @@ fn say(message: &str) {
 /// Whether all rows were tried.
 fn run(task: &Task) -> Result<bool> {
     let say: Say = &say;
+    if let Some(report) = task.kept(say)? {
+        report.messages().iter().for_each(|message| say(message));
+        return Ok(true);
+    }
     let report = match task {
         Task::Local(shared) => {
             let (mut batch, jobs) = shared.check()?;

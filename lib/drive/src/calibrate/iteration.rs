@@ -255,6 +255,7 @@ pub(crate) fn run(
     if case.packed == Some(true) {
         call = call.arg("--packed");
     }
+    call = call.option("--kept", case.kept.as_ref().map(|kept| kept.display()));
     let leaves = !wait && engine.is_queue();
     if leaves {
         call = call.arg("--no-wait");
