@@ -14,7 +14,7 @@ use gl_engine::call::{Batch, Call};
 use gl_engine::complete::missing;
 use gl_engine::job::Limit;
 use gl_engine::kept;
-use gl_engine::report::{Report, report};
+use gl_engine::model::find_program;
 
 /// What to run, and where it goes.
 #[derive(Args)]
@@ -78,18 +78,27 @@ impl Shared {
         })
     }
 
-    /// Take over the runs that are kept, before the model is looked at: how the call went, where they are all that
-    /// was wanted.
-    pub fn kept(&self, say: Say) -> Result<Option<Report>> {
-        let Some(kept) = &self.kept else { return Ok(None) };
+    /// Take over the runs that are kept, before the model is looked at: whether there is nothing left to be made. Where
+    /// Yade is not there to make them, runs that are not among the kept ones are left out.
+    pub fn take_kept(&self, say: Say) -> Result<bool> {
+        let Some(kept) = &self.kept else { return Ok(false) };
         let table = BatchTable::read(&self.samples)?;
         let taken = kept::take(kept, &table, &self.dir, say)?;
+        let (rows, kept) = (table.len(), kept.display());
         if taken > 0 {
-            let (rows, kept) = (table.len(), kept.display());
-            say(&format!("{taken} of {rows} runs are not made but taken from {kept}, with the same parameters"));
+            say(&format!(
+                "{taken} of {rows} runs are not made but taken from {kept}, with the same parameters"
+            ));
         }
-        let left = missing(&table, &self.dir)?;
-        Ok(if left.is_empty() { Some(report(&table, &self.dir, &left)?) } else { None })
+        let left = missing(&table, &self.dir)?.len();
+        let is_yade = self.model.trim().ends_with(".py");
+        if left == 0 || left == rows || !is_yade || find_program("yade").is_some() {
+            return Ok(left == 0);
+        }
+        say(&format!(
+            "{left} of {rows} runs are not in {kept}, and are left out: Yade, which makes them, is not installed"
+        ));
+        Ok(true)
     }
 
     /// The folder of the case.

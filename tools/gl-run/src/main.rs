@@ -10,7 +10,6 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use gl_case::Engine;
-use gl_engine::report::Report;
 use gl_engine::{Say, embedded, local, yade_batch};
 
 use call::Shared;
@@ -69,12 +68,12 @@ enum Task {
 }
 
 impl Task {
-    /// [`call::Shared::kept`], of those that make runs.
-    fn kept(&self, say: Say) -> Result<Option<Report>> {
+    /// [`Shared::take_kept`], of those that make runs.
+    fn take_kept(&self, say: Say) -> Result<bool> {
         match self {
-            Self::Local(shared) | Self::YadeBatch(shared) | Self::Embedded(shared) => shared.kept(say),
-            Self::Slurm(queue) | Self::Pbs(queue) => queue.shared.kept(say),
-            _ => Ok(None),
+            Self::Local(shared) | Self::YadeBatch(shared) | Self::Embedded(shared) => shared.take_kept(say),
+            Self::Slurm(queue) | Self::Pbs(queue) => queue.shared.take_kept(say),
+            _ => Ok(false),
         }
     }
 }
@@ -87,8 +86,7 @@ fn say(message: &str) {
 /// Whether all rows were tried.
 fn run(task: &Task) -> Result<bool> {
     let say: Say = &say;
-    if let Some(report) = task.kept(say)? {
-        report.messages().iter().for_each(|message| say(message));
+    if task.take_kept(say)? {
         return Ok(true);
     }
     let report = match task {
