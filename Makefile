@@ -17,7 +17,7 @@ TOOLS := $(notdir $(wildcard tools/gl-*))
 
 # Settings of case.toml that win over it when they are given to make or in its environment.
 # `value`, so that nothing in them is expanded.
-SETTINGS := NUM SEED MODEL NOISE SCALE WEIGHTS STEPS SIGMA_TOL ERROR_TOL ENSEMBLE_ERROR_TOL MISFIT_TOL MAX_FAILED THREADS PACKED
+SETTINGS := NUM SEED MODEL NOISE SCALE WEIGHTS STEPS SIGMA_TOL ERROR_TOL ENSEMBLE_ERROR_TOL MISFIT_TOL MAX_FAILED THREADS PACKED KEPT
 SETTINGS += ESS EMULATED POSTERIOR SAMPLING COMPONENTS COVARIANCE EFFECTS DESIGN_NUM MEASUREMENT MAX_EFFECTS SCATTER
 quoted = '$(subst ','\'',$(1))'
 GIVEN = $(foreach key,$(SETTINGS),$(if $(value $(key)),$(call quoted,$(key)=$(value $(key)))))

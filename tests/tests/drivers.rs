@@ -272,6 +272,23 @@ fn the_check_says_how_many_runs_there_will_be_and_how_long_they_take() {
 }
 
 #[test]
+fn kept_runs_are_taken_and_the_model_is_not_run() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    finish(&mut calibrate(&folder, "local", "made"));
+    finish(driver(&folder, "gl-run").args(["pack", "made/iter0/runs"]));
+    let packed = fs::read_dir(folder.path("made/iter0/runs")).unwrap().map(|entry| entry.unwrap().path());
+    let packed = packed.filter(|path| path.to_str().unwrap().ends_with("_packed.txt")).last().unwrap();
+    folder.write("case/kept.txt", fs::read(packed).unwrap());
+    set(&folder, &[("kept", "\"kept.txt\"")]);
+    // No run could be made any more.
+    fs::remove_file(folder.path("case/linear.awk")).unwrap();
+    let (_, said) = finish(&mut calibrate(&folder, "local", "taken"));
+    assert!(said.contains("8 of 8 runs are not made but taken from"), "{said}");
+    assert_eq!(results(&folder, "made"), results(&folder, "taken"));
+}
+
+#[test]
 fn a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     let folder = Folder::default();
     // What calibration does not see is measured apart.

@@ -146,6 +146,24 @@ fn an_offset_of_the_sensor_needs_no_run() {
 }
 
 #[test]
+fn steps_that_are_kept_back_say_nothing() {
+    let case = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    let steps = format!("0:{}", STEPS - 5);
+    let seen = ["--noise", "y=0.01", "--steps", &steps];
+    let before = case.rows(&seen);
+    assert_eq!(before[0].0, "bending", "{before:?}");
+    case.edit("obs.txt", |text| {
+        let changed = |(i, line): (usize, &str)| match line.split_once(' ') {
+            Some((x, _)) if i > STEPS - 5 => format!("{x} 99\n"),
+            _ => format!("{line}\n"),
+        };
+        text.lines().enumerate().map(changed).collect()
+    });
+    assert_eq!(before, case.rows(&seen));
+    case.refused(&["--steps", "0:9999"], &["--steps 0:9999", "the measurement has"]);
+}
+
+#[test]
 fn an_unknown_noise_is_estimated_and_the_verdict_no_sharper() {
     let bent = Case::new(75, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     let (known, unknown) = (bent.rows(&NOISE), bent.rows(&[]));

@@ -129,6 +129,8 @@ pub struct Case {
     pub threads: Option<usize>,
     /// Whether the files of many runs are packed into one; as the environment says where it is not given.
     pub packed: Option<bool>,
+    /// A packed file of runs that were made before.
+    pub kept: Option<PathBuf>,
     /// Share of an iteration's runs that keep weight when the next samples are drawn.
     pub ess: f64,
     /// What the posterior is read from.
@@ -253,6 +255,7 @@ impl Case {
             max_failed: file.max_failed.unwrap_or(0.5),
             threads: file.threads.map(usize::from),
             packed: file.packed,
+            kept: file.kept.map(|kept| folder.join(kept)),
             ess: file.ess.unwrap_or(0.2),
             posterior,
             emulated: if posterior == Posterior::Runs { 0 } else { usize::try_from(emulated)? },

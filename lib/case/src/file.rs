@@ -42,6 +42,7 @@ pub(crate) struct File {
     pub(crate) threads: Option<NonZeroUsize>,
     #[serde(deserialize_with = "flag")]
     pub(crate) packed: Option<bool>,
+    pub(crate) kept: Option<String>,
     #[serde(deserialize_with = "share")]
     pub(crate) ess: Option<f64>,
     #[serde(deserialize_with = "posterior")]

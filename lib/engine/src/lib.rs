@@ -9,6 +9,7 @@
 //! | many runs | [`local`], [`yade_batch`], [`embedded`] |
 //! | how it went | [`report`] |
 //! | many runs in one file | [`pack`] |
+//! | runs that were made before | [`kept`] |
 //! | job arrays | [`cluster`]; [`scheduler`], which is [`slurm`] or [`pbs`], called by [`command`] |
 //! | what lives in a queue | [`control`]; [`standing`], how far it is; [`lock`], one driver at a time |
 //!
@@ -34,6 +35,7 @@ pub mod control;
 pub mod embedded;
 pub mod folder;
 pub mod job;
+pub mod kept;
 pub mod local;
 pub mod lock;
 pub mod model;

@@ -118,7 +118,27 @@ pub fn unpack(packed: &[PathBuf], dir: &Path) -> Result<Vec<String>> {
 }
 
 /// What is wrong with the file, if it is damaged.
-fn unpack_one(path: &Path, mut input: impl BufRead, dir: &Path) -> Result<Option<String>> {
+fn unpack_one(path: &Path, input: impl BufRead, dir: &Path) -> Result<Option<String>> {
+    each_file(path, input, |name, bytes| {
+        let file = dir.join(&name);
+        let mut sink = Sink::create(Some(&file))?;
+        sink.write_all(&bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
+        sink.finish()
+    })
+}
+
+/// Give the files of a packed one to `take`, name and bytes, one after the other: what is wrong with the file, if it
+/// is damaged; what stands before that was given.
+///
+/// * `path` — what the file is called in messages.
+///
+/// # Errors
+/// If it cannot be read, or `take` fails.
+pub(crate) fn each_file(
+    path: &Path,
+    mut input: impl BufRead,
+    mut take: impl FnMut(String, Vec<u8>) -> Result<()>,
+) -> Result<Option<String>> {
     let cannot = || format!("{}: cannot be read", path.display());
     let mut lines = 0;
     loop {
@@ -144,10 +164,7 @@ fn unpack_one(path: &Path, mut input: impl BufRead, dir: &Path) -> Result<Option
             return place(read, format!("no line end after {name}, which is longer than its {length} bytes"));
         }
         lines = read;
-        let file = dir.join(&name);
-        let mut sink = Sink::create(Some(&file))?;
-        sink.write_all(&bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
-        sink.finish()?;
+        take(name, bytes)?;
     }
 }
 

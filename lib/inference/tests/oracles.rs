@@ -56,7 +56,13 @@ fn priors_have_the_quantiles_and_densities_of_sixty_digits() {
         let field = |name: &str| text(&table, row, name);
         let columns = ["scale", "lower", "upper", "mean", "sd"];
         let params = format!("name {}\nx {}\n", columns.join(" "), columns.map(field).join(" "));
-        let prior = Prior::from_table(&Table::parse("params", params.clone().into_bytes()).unwrap()).unwrap();
+        let prior = Prior::from_table(&Table::parse("params", params.clone().into_bytes()).unwrap());
+        if field("upper").parse::<f64>().unwrap() >= 1e100 {
+            // No curve of such values could be calculated with.
+            assert!(prior.is_err(), "{params}");
+            continue;
+        }
+        let prior = prior.unwrap();
         let parameter = &prior.parameters()[0];
         let [u, x, ln_density] = ["u", "x", "ln_density"].map(|name| field(name).parse::<f64>().unwrap());
 

@@ -19,7 +19,7 @@ use gl_gap::attribute::rest::{GoesWith, goes_with};
 use gl_gap::attribute::self_check::{Design, self_check, summary};
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{ByName, Observations};
+use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
 use gl_table::TableWriter;
@@ -53,6 +53,9 @@ struct Args {
     /// Standard deviation of the noise; by default the `_sd` columns of the measurement, or estimated
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
+    /// Steps to look at, from A up to but not including B; the rest is kept back, to foretell
+    #[arg(long, value_name = "A:B")]
+    steps: Option<Steps>,
     /// Effects of the measurement to consider: offset, gain, drift, compliance, lag
     #[arg(long, value_name = "KIND,…", value_delimiter = ',')]
     measurement: Vec<Kind>,
@@ -140,9 +143,17 @@ fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
     let ensemble = Ensemble::read(&args.ensemble, &args.control, &args.observables)?;
     ensemble.check_steps(&observations)?;
+    let (observations, ensemble) = match args.steps {
+        Some(steps) => {
+            let steps = steps.within(observations.steps())?;
+            let all: Vec<usize> = (0..ensemble.len()).collect();
+            (observations.part(steps.clone()), ensemble.part(&all, steps))
+        }
+        None => (observations, ensemble),
+    };
+    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement)?;
     let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
     if emulator.missing() > 0 {

@@ -8,8 +8,13 @@ use std::thread;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use gl_engine::Say;
+use gl_engine::batch_table::BatchTable;
 use gl_engine::call::{Batch, Call};
+use gl_engine::complete::missing;
 use gl_engine::job::Limit;
+use gl_engine::kept;
+use gl_engine::model::find_program;
 
 /// What to run, and where it goes.
 #[derive(Args)]
@@ -35,6 +40,9 @@ pub struct Shared {
     /// [env: PACKED=1]
     #[arg(long)]
     packed: bool,
+    /// Take runs of the same parameters from this packed file, compressed if it ends in .gz, instead of making them
+    #[arg(long, value_name = "FILE")]
+    kept: Option<PathBuf>,
     /// Where the runs have their scratch folders, such as a fast disk [env: GL_SCRATCH] [default: in DIR]
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
@@ -68,6 +76,29 @@ impl Shared {
             packed,
             scratch: self.scratch.clone().or_else(|| given("GL_SCRATCH").map(PathBuf::from)),
         })
+    }
+
+    /// Take over the runs that are kept, before the model is looked at: whether there is nothing left to be made. Where
+    /// Yade is not there to make them, runs that are not among the kept ones are left out.
+    pub fn take_kept(&self, say: Say) -> Result<bool> {
+        let Some(kept) = &self.kept else { return Ok(false) };
+        let table = BatchTable::read(&self.samples)?;
+        let taken = kept::take(kept, &table, &self.dir, say)?;
+        let (rows, kept) = (table.len(), kept.display());
+        if taken > 0 {
+            say(&format!(
+                "{taken} of {rows} runs are not made but taken from {kept}, with the same parameters"
+            ));
+        }
+        let left = missing(&table, &self.dir)?.len();
+        let is_yade = self.model.trim().ends_with(".py");
+        if left == 0 || left == rows || !is_yade || find_program("yade").is_some() {
+            return Ok(left == 0);
+        }
+        say(&format!(
+            "{left} of {rows} runs are not in {kept}, and are left out: Yade, which makes them, is not installed"
+        ));
+        Ok(true)
     }
 
     /// The folder of the case.

@@ -70,6 +70,17 @@ enum Task {
     Inner(inner::Inner),
 }
 
+impl Task {
+    /// [`Shared::take_kept`], of those that make runs.
+    fn take_kept(&self, say: Say) -> Result<bool> {
+        match self {
+            Self::Local(shared) | Self::YadeBatch(shared) | Self::Embedded(shared) => shared.take_kept(say),
+            Self::Slurm(queue) | Self::Pbs(queue) => queue.shared.take_kept(say),
+            _ => Ok(false),
+        }
+    }
+}
+
 /// A message for the user.
 fn say(message: &str) {
     gl_cli::note(NAME, message);
@@ -78,6 +89,9 @@ fn say(message: &str) {
 /// Whether all rows were tried.
 fn run(task: &Task) -> Result<bool> {
     let say: Say = &say;
+    if task.take_kept(say)? {
+        return Ok(true);
+    }
     let report = match task {
         Task::Local(shared) => {
             let (mut batch, jobs) = shared.check()?;

@@ -17,7 +17,7 @@ use crate::call::Shared;
 #[derive(Args)]
 pub struct Queue {
     #[command(flatten)]
-    shared: Shared,
+    pub shared: Shared,
     /// Print a line a submitted array, NAME ID, and return with exit code 1, as long as runs are in the queue;
     /// called when they have ended, submit again what failed or was lost
     #[arg(long)]

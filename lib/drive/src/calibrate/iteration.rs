@@ -293,6 +293,7 @@ pub(crate) fn run(
     if case.packed == Some(true) {
         call = call.arg("--packed");
     }
+    call = call.option("--kept", case.kept.as_ref().map(|kept| kept.display()));
     if engine.is_queue() {
         // It reads [cluster] of case.toml itself.
         let is_site = |text: &&String| {

@@ -286,6 +286,7 @@ impl Round<'_> {
         let call = Call::new("gl-gap-attribute").flag("-p", self.file("params.txt"));
         let call = call.flag("--prior", case.params());
         let call = measurement(call.flag("-s", self.file("all-samples.txt")), &case.tests[0])
+            .option("--steps", case.tests[0].steps.as_ref())
             .option("--measurement", list(&case.measurement))
             .option("--max-effects", case.max_effects)
             .option("--scatter", case.scatter)
