@@ -99,6 +99,7 @@ impl Diagnosis<'_> {
             "effects.txt",
             "predicted-shrink.txt",
             "posterior.txt",
+            "rest.txt",
             "attribution-verdict.txt",
             "attribution.log",
         ] {
@@ -293,6 +294,7 @@ impl Round<'_> {
             .flag("--effects-out", self.file("effects.txt"))
             .flag("--predict-shrink", self.file("predicted-shrink.txt"))
             .flag("--posterior-out", self.file("posterior.txt"))
+            .flag("--rest-out", self.file("rest.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(last_runs(self.diagnosis.runs()?)))
             .flag("--name", format!("{}-design", case.name))
