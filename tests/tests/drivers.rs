@@ -411,8 +411,10 @@ fn an_installed_tree_works_in_an_empty_folder() {
     for tool in ["gl-init", "gl-check", "gl-calibrate", "gl-iterate", "gl-diagnose", "gl-run", "gl-box"] {
         assert!(tools.contains(&prefix.join("bin").join(tool)), "{tool}");
     }
-    let pages = fs::read_dir(prefix.join("share/man/man1")).unwrap().count();
-    assert_eq!(pages, tools.len());
+    for tool in &tools {
+        let name = tool.file_name().unwrap().to_str().unwrap();
+        assert!(prefix.join(format!("share/man/man1/{name}.1")).exists(), "{name}");
+    }
     fs::create_dir(folder.path("empty")).unwrap();
     let call = |tool: &str, arguments: &[&str]| {
         let output = Command::new(prefix.join("bin").join(tool))
