@@ -144,10 +144,14 @@ fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
         return;
     }
     let folder = Folder::default();
-    copy_case(&folder, "collision", &[("iterations", "2")]);
+    // Where an emulator asks for the next runs, the fifth digit of a curve decides which; weights follow it smoothly.
+    copy_case(&folder, "collision", &[("iterations", "2"), ("posterior", "\"runs\"")]);
     finish(&mut calibrate(&folder, "embedded", "embedded"));
     let model = "model=lmp -in {case}/lammps.in -log none -screen none -var E_m {E_m} -var nu {nu} -var name {description}";
-    finish(calibrate(&folder, "local", "lammps").arg(model));
+    // Without a daemon of Open MPI beside each run, which now and then fails to start.
+    let isolated = ("OMPI_MCA_ess_singleton_isolated", "1");
+    let (_, said) = finish(calibrate(&folder, "local", "lammps").arg(model).env(isolated.0, isolated.1));
+    assert_eq!(folder.quantity("lammps/posterior.txt", "failed"), 0.0, "{said}");
     for name in ["E_m", "nu"] {
         for kind in ["mean", "sd", "q05", "q95"] {
             let of = |out: &str| folder.quantity(&format!("{out}/posterior.txt"), &format!("{kind}({name})"));

@@ -94,7 +94,6 @@ impl Diagnosis<'_> {
             copy(&round.join(format!("all-{table}.txt")), &self.file(&format!("design/{table}.txt")))?;
         }
         copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
-        self.keep_wider_prior(&round.join("params.txt"))?;
         for table in [
             "effects.txt",
             "predicted-shrink.txt",
@@ -107,6 +106,7 @@ impl Diagnosis<'_> {
                 copy(&round.join(table), &self.file(table))?;
             }
         }
+        self.keep_wider_prior(&round.join("params.txt"))?;
         renew(&round.join("attribution.txt"), &self.file("attribution.txt"))?;
         show(&self.file("attribution.log"), 0);
         Ok(Progress::Finished)
@@ -114,10 +114,14 @@ impl Diagnosis<'_> {
 }
 
 impl Diagnosis<'_> {
-    /// `wider-params.txt`: the prior with its bounds where the design has gone beyond them; there only if it has.
+    /// `wider-params.txt`: the prior with its bounds where the design has gone beyond them; there only if it has, and the
+    /// most probable explanation has a parameter there.
     fn keep_wider_prior(&self, design: &Path) -> Result<()> {
         let target = self.file(WIDER_PRIOR);
-        match with_beyond(&Prior::read(&self.case.params())?, &Prior::read(design)?)? {
+        let verdict = Table::read(&self.file("attribution-verdict.txt"))?;
+        let code = verdict.format().column("code")?;
+        let is_beyond = (0..verdict.len()).any(|row| verdict.field(row, code) == "beyond-prior");
+        match with_beyond(&Prior::read(&self.case.params())?, &Prior::read(design)?)?.filter(|_| is_beyond) {
             Some(wider) => wider.write(Some(&target)),
             None => {
                 let _ = std::fs::remove_file(target);

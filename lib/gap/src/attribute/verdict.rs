@@ -106,16 +106,16 @@ pub fn verdict(
     Ok(verdicts)
 }
 
-/// Parameters that are beyond what was believed of them.
+/// Parameters that are beyond what was believed of them: with a probability of 0.95.
 fn add_beyond(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation, believed: (&Prior, &str)) {
     let (prior, source) = believed;
-    for Marginal { name, mean, sd, .. } in marginals(problem, first) {
+    for Marginal { name, mean, sd, low, high, .. } in marginals(problem, first) {
         let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
             continue;
         };
-        let (side, bound) = if mean > parameter.upper {
+        let (side, bound) = if low > parameter.upper {
             ("upper", parameter.upper)
-        } else if mean < parameter.lower {
+        } else if high < parameter.lower {
             ("lower", parameter.lower)
         } else {
             continue;
