@@ -99,7 +99,7 @@ a_calibration_in_the_queue_ends_with_the_tables_of_one_here() {
 # Forty runs an iteration, four a task, two tasks at a time; one fails once, one always, one has no end.
 # A task that was being started when the scheduler died can drain the node, and holds the array: what gl-status then says
 # is to be typed.
-hangs_or_is_released() {
+is_hanging_or_released() {
     test -e group && return
     scontrol update nodename="$(hostname -s)" state=resume
     squeue -h -t PD -o %F | sort -u | xargs -r -n 1 scontrol release
@@ -138,7 +138,7 @@ END
     grep -q '^iteration 0: 40 runs: ' out
     slurmctld -f "$SLURM_CONF"
     rm pause
-    with_wait_for hangs_or_is_released
+    with_wait_for is_hanging_or_released
     ends_with 0 gl-status fit
     grep -q '^controlling job [0-9]*: running' out
     kill -9 -- "-$(tr -d ' ' <group)"
