@@ -25,16 +25,16 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    let (_, slopes) = model.gradient(w);
-    left_of_noise(model, w, &slopes, &model.nuisances(w).scales)
+    left_of_noise(model, w, &model.nuisances(w).scales)
 }
 
-/// Root mean square over the ranges of what calibration by slopes of the curve leaves of noise of these scales, shape
-/// (observables,), and of the scatter.
-fn left_of_noise(model: &Model<'_>, w: &[f64], slopes: &DMatrix<f64>, scales: &[f64]) -> Result<f64> {
+/// Root mean square over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
+/// scatter.
+fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64]) -> Result<f64> {
     let problem = model.problem();
+    let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
-    absorb(model, w, slopes, &mut errors)?;
+    absorb(model, w, &slopes, &mut errors)?;
     let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
     let sum: f64 = (0..errors.nrows()).map(share).sum();
     Ok((sum / errors.nrows() as f64).sqrt())
@@ -147,8 +147,7 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
 fn own_floor(fitted: &Fitted<'_>, scales: &[f64]) -> Result<f64> {
     let plain = fitted.model.plain();
     let w = &fitted.mode.w.as_slice()[..plain.len()];
-    let (_, slopes) = plain.gradient(w);
-    left_of_noise(&plain, w, &slopes, scales)
+    left_of_noise(&plain, w, scales)
 }
 
 /// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one. If the
