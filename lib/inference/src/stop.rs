@@ -351,3 +351,30 @@ pub fn leaning_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn sigma_need_not_fall_below_what_the_best_run_leaves_once_that_has_come_to_rest() {
+        let summary = |sigma: f64, misfit: f64| Summary {
+            sigma: Some(sigma),
+            best_misfit: Some(misfit),
+            best_misfit_over_noise: Some(misfit / 100.0),
+            ..Summary::default()
+        };
+        let is_met = |now: Summary, previous: Previous| {
+            let tolerances = Tolerances { misfit: Some(1.0), ..Tolerances::default() };
+            let found = criteria(&now, &tolerances, None, &previous).unwrap();
+            found.iter().find(|criterion| criterion.name == "sigma_misfit").unwrap().is_met
+        };
+        let before = |misfit: f64| Previous::Iteration(Box::new(summary(50.0, misfit)));
+        assert!(is_met(summary(9.0, 1000.0), before(1050.0)));
+        assert!(!is_met(summary(11.0, 1000.0), before(1050.0)), "sharper weights would still tell more");
+        assert!(!is_met(summary(9.0, 1000.0), before(1200.0)), "the best run still gets better");
+        assert!(!is_met(summary(9.0, 1000.0), Previous::First));
+    }
+}
