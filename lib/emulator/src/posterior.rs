@@ -8,9 +8,11 @@
 mod batch;
 pub mod likelihood;
 pub mod mixture;
+mod modes;
 pub mod noise;
 mod proof;
 pub mod scatter;
+mod settle;
 pub mod smc;
 pub mod space;
 pub mod summary;
@@ -23,18 +25,17 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{Observations, range};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
-use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::{mean, sd};
 use gl_progress::stage;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, PRIOR_SHARE, Posterior, Start, Warp};
-use mixture::LocalMixture;
+use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, Posterior, Warp};
 use noise::ChiSquare;
 pub use proof::Proof;
-use smc::{Effort, Population, sample};
+use settle::{Outcome, Sampler, from_prior};
+use smc::{Effort, sample};
 use space::Space;
 use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
 
@@ -141,9 +142,8 @@ pub struct Run {
     pub error: f64,
 }
 
-/// Particles for a first look, and for the posterior.
+/// Particles for a first look.
 const FIRST_PARTICLES: usize = 600;
-const PARTICLES: usize = 2000;
 
 /// From so many runs a parameter, and so many more, an emulator must follow the simulator.
 const ENOUGH_RUNS: (usize, usize) = (15, 10);
@@ -212,17 +212,22 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let ranked = before.as_ref().map_or_else(|| ranked.clone(), |before| ranked.starting_from(before));
     let near: Vec<Vec<f64>> = ranked.places()?.into_iter().take(ranked.near()).collect();
     let through = |mut surrogate: Surrogate| {
-        let prove =
-            |before: &Surrogate| proof::prove(before, &ranked, &newest, &measured, &space, question.samples);
         let recipe = Recipe { is_kept: false, ..surrogate.recipe };
-        let proof = match &before {
-            None => None,
-            Some(before) if recipe == PLAIN => prove(before)?,
-            Some(_) => match ranked.without(&newest).by(recipe, &measured, options.seed) {
-                Ok(before) => prove(&before)?,
-                Err(_) => None,
-            },
+        let before = match &before {
+            Some(before) if recipe != PLAIN => ranked
+                .without(&newest)
+                .by(recipe, &measured, options.seed)
+                .ok()
+                .or_else(|| Some(before.clone())),
+            before => before.clone(),
         };
+        let prove = |variance: f64| match &before {
+            Some(before) => {
+                proof::prove(before, &ranked, &newest, (&measured, variance), &space, question.samples)
+            }
+            None => Ok(None),
+        };
+        let proof = prove(1.0)?;
         if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
             // What was predicted too boldly may well be so again: of both widths the larger.
             surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
@@ -230,6 +235,8 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
         let near = near.clone();
         let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
         let outcome = sampler.settle(likelihood.nuisances(), &population)?;
+        // What counts depends on how large the noise turned out to be.
+        let proof = prove(outcome.variance(&space))?;
         let tables = (question.samples, &ensemble);
         finish(space.clone(), surrogate, measured.clone(), outcome, proof, &ranked, tables, options)
     };
@@ -343,188 +350,6 @@ fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nui
     let counts = (surrogate.scatter.of_scores(&surrogate.emulator, measured) * importance).trace();
     // Where the noise is not known, what counts is not either.
     !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
-}
-
-/// Points of the prior, shape (count, dimensions).
-fn from_prior(space: &Space, nuisances: usize, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
-    let d = space.len();
-    let points = sequence::points(Method::Halton, count, d + nuisances, Some(seed))?;
-    let place = |u: Vec<f64>| {
-        let mut point = space.quantile(&u[..d]);
-        point.extend(&u[d..]);
-        point
-    };
-    Ok(points.into_iter().map(place).collect())
-}
-
-/// What sampling gives.
-struct Outcome {
-    population: Population,
-    nuisances: Nuisances,
-    correlated: Vec<bool>,
-    chi_square: Option<ChiSquare>,
-}
-
-/// Samples a posterior through one emulator.
-struct Sampler<'a> {
-    surrogate: &'a Surrogate,
-    space: &'a Space,
-    measured: &'a Measured,
-    options: Options,
-    /// Where the runs that fit best stand.
-    near: Vec<Vec<f64>>,
-}
-
-/// A point of a likelihood this much above all draws shows that these lie elsewhere, in ln.
-const MISSED: f64 = 5.0;
-
-impl Sampler<'_> {
-    fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
-        let Self { surrogate, space, measured, .. } = self;
-        Likelihood::new(surrogate, space, measured, nuisances)
-    }
-
-    /// The posterior, from near that of the first look, with the noise as the residuals say it is.
-    fn settle(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
-        let mut correlated = self.correlated(nuisances, &first.points);
-        let mut nuisances = self.with_correlation(nuisances, &correlated);
-        let mut population = self.sample(&nuisances, &first.points)?;
-        let mut best = self.best(&nuisances, &population);
-        let mut test = self.test(best.1, &population)?;
-        if test.is_some_and(ChiSquare::is_worse) || self.is_missed(&nuisances, &best) {
-            // The first look may have seen the wrong place: again, from the whole prior.
-            let plain = Nuisances { correlation: vec![false; correlated.len()], ..nuisances.clone() };
-            let again = self.sample_whole_prior(&plain)?;
-            if self.best(&plain, &again).1.ln > best.1.ln + MISSED {
-                correlated = self.correlated(&plain, &again.points);
-                nuisances = self.with_correlation(&plain, &correlated);
-                population = if nuisances == plain { again } else { self.sample(&nuisances, &again.points)? };
-                best = self.best(&nuisances, &population);
-                test = self.test(best.1, &population)?;
-            }
-        }
-        if test.is_some_and(ChiSquare::is_worse) && !self.options.noise_as_stated {
-            nuisances.inflation = true;
-            population = self.sample(&nuisances, &parameters_of(&population, self.space))?;
-        }
-        Ok(Outcome { population, nuisances, correlated, chi_square: test })
-    }
-
-    /// The observables whose residuals are correlated, given points whose nuisances have no correlation.
-    fn correlated(&self, nuisances: &Nuisances, points: &[Vec<f64>]) -> Vec<bool> {
-        let extra = self.measured.observables();
-        let likelihood = self.likelihood(Nuisances { correlation: vec![true; extra], ..nuisances.clone() });
-        let mut points = points.to_vec();
-        points.iter_mut().for_each(|x| x.extend(vec![0.0; extra]));
-        let points = fittest(&likelihood, points, 40);
-        let by_likelihood = noise::correlated(&likelihood, &points, self.measured);
-        // A noise that is smaller than stated would pass for a correlated one.
-        let emulator = &self.surrogate.emulator;
-        let scores = emulator.mean_scores(&self.space.coordinates(&points[0]));
-        let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
-        let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
-        let is_fewer = |(j, seen): (usize, f64)| seen < self.measured.own(j).len() as f64;
-        by_likelihood
-            .into_iter()
-            .zip(seen.into_iter().enumerate().map(is_fewer))
-            .map(|(a, b)| a && b)
-            .collect()
-    }
-
-    fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
-        let is_fixed = self.options.noise_as_stated && self.measured.is_known;
-        let correlation = correlated.iter().map(|is| *is && !is_fixed).collect();
-        Nuisances { correlation, ..nuisances.clone() }
-    }
-
-    /// The draw that fits best, and how well.
-    fn best(&self, nuisances: &Nuisances, population: &Population) -> (Vec<f64>, likelihood::Fit) {
-        let likelihood = self.likelihood(nuisances.clone());
-        let best = fittest(&likelihood, population.points.clone(), 1).swap_remove(0);
-        let fit = likelihood.fit(&best);
-        (best, fit)
-    }
-
-    /// Whether a run that was made stands where the likelihood is far above that of all draws.
-    fn is_missed(&self, nuisances: &Nuisances, (best, fit): &(Vec<f64>, likelihood::Fit)) -> bool {
-        let likelihood = self.likelihood(nuisances.clone());
-        self.near.iter().any(|place| {
-            let mut x = place.clone();
-            x.extend(&best[self.space.len()..]);
-            likelihood.fit(&x).ln > fit.ln + MISSED
-        })
-    }
-
-    fn test(&self, fit: likelihood::Fit, population: &Population) -> Result<Option<ChiSquare>> {
-        if !self.measured.is_known {
-            return Ok(None);
-        }
-        let taken = noise::decided(&population.points, &prior_sd(self.space)?);
-        Ok(Some(ChiSquare::new(fit, self.measured.values.len(), taken)))
-    }
-
-    /// Sample from the whole prior on.
-    fn sample_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
-        let likelihood = self.likelihood(nuisances.clone());
-        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: None };
-        let seed = self.options.seed ^ 0x411;
-        let start = from_prior(self.space, nuisances.len(), PARTICLES, seed)?;
-        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed })
-    }
-
-    /// Sample from a mixture about points that are near the posterior, shape (points, first dimensions).
-    fn sample(&self, nuisances: &Nuisances, near: &[Vec<f64>]) -> Result<Population> {
-        let seed = self.options.seed;
-        let likelihood = self.likelihood(nuisances.clone());
-        let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xba5e);
-        let known = near[0].len().min(likelihood.dimensions());
-        let near: Vec<Vec<f64>> = near.iter().map(|x| x[..known].to_vec()).collect();
-        let mixture = LocalMixture::new(&near, 200, 2.0, &mut generator);
-        let large = from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed)?;
-        let is_inside = |x: &[f64]| x.iter().all(|x| (0.0..=1.0).contains(x));
-        let mut start = Vec::with_capacity(PARTICLES);
-        for point in large {
-            // Both shares are drawn again where the mixture falls outside the cube.
-            let drawn = loop {
-                if generator.random_bool(PRIOR_SHARE) {
-                    break None;
-                }
-                let drawn = mixture.draw(&mut generator);
-                if is_inside(&drawn) {
-                    break Some(drawn);
-                }
-            };
-            start.push(match drawn {
-                Some(mut drawn) => {
-                    drawn.extend(&point[known..]);
-                    drawn
-                }
-                None => point,
-            });
-        }
-        let start_density = Some(Start { mixture, dimensions: known });
-        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: start_density };
-        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed: seed ^ 0xf00d })
-    }
-}
-
-fn parameters_of(population: &Population, space: &Space) -> Vec<Vec<f64>> {
-    population.points.iter().map(|x| x[..space.len()].to_vec()).collect()
-}
-
-/// Standard deviation of the prior in each coordinate that varies.
-fn prior_sd(space: &Space) -> Result<Vec<f64>> {
-    let points = from_prior(space, 0, 500, 0)?;
-    let weights = vec![1.0 / points.len() as f64; points.len()];
-    Ok((0..space.len()).map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &weights)).collect())
-}
-
-/// The points of the highest likelihood.
-fn fittest(likelihood: &Likelihood<'_>, points: Vec<Vec<f64>>, count: usize) -> Vec<Vec<f64>> {
-    let mut fits: Vec<(f64, Vec<f64>)> = points.into_par_iter().map(|x| (likelihood.fit(&x).ln, x)).collect();
-    fits.sort_by(|a, b| b.0.total_cmp(&a.0));
-    fits.truncate(count);
-    fits.into_iter().map(|(_, x)| x).collect()
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -680,9 +505,11 @@ impl Inference {
     pub fn is_unfit(&self) -> bool {
         let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
         let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
-        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
+        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS;
+        // Far from the posterior, where nothing is known yet, a batch may surprise.
+        let is_wrong = self.surrogate.rmse > UNFIT_ERROR && (is_far || is_rough);
         let is_many = self.runs.len() >= MANY_RUNS * self.space.len() + ENOUGH_RUNS.1;
-        is_enough && (is_far || is_rough) || is_many && self.ignorance > UNFIT_IGNORANCE
+        is_enough && is_wrong || is_many && self.ignorance > UNFIT_IGNORANCE
     }
 
     /// The measurement as it was compared.

@@ -13,6 +13,7 @@
 use gl_numeric::statistics::ln_sum_exp;
 use nalgebra::{DMatrix, DVector};
 
+use super::mixture::LocalMixture;
 use super::smc::Target;
 use super::space::Space;
 use super::surrogate::Surrogate;
@@ -332,6 +333,11 @@ impl<'a> Likelihood<'a> {
         }
     }
 
+    /// The same if the emulator's mean were exact.
+    pub fn of_exact_emulator(&self) -> Self {
+        Self { calibration: 0.0, ..self.clone() }
+    }
+
     /// Number of coordinates: parameters, then nuisances.
     pub fn dimensions(&self) -> usize {
         self.space.len() + self.nuisances.len()
@@ -466,12 +472,46 @@ impl<'a> Likelihood<'a> {
     /// counts for.
     pub fn importance(&self, noise: &NoiseAt) -> DMatrix<f64> {
         let k = self.scatter.n();
-        let g = self.joint(noise).quadratic.g;
-        let mut importance = DMatrix::from_row_slice(k, k, &g);
-        if noise.scatter == 0.0 {
-            return importance;
+        let importance = DMatrix::from_row_slice(k, k, &self.joint(noise).quadratic.g);
+        if noise.scatter == 0.0 { importance } else { self.beside(importance, &vec![0.0; k], noise) }
+    }
+
+    /// What the parameters are known by about a point: JᵀBᵀΣ⁻¹BJ with J the derivative of the mean scores and Σ with
+    /// what the emulator does not know there, lower half, shape (parameters, parameters).
+    pub fn curvature(&self, x: &[f64]) -> Square {
+        const STEP: f64 = 1e-5;
+        let (d, noise) = (self.space.len(), self.noise_at(x));
+        let slope = |j: usize| -> Vec<f64> {
+            let at = |value: f64| {
+                let mut x = x.to_vec();
+                x[j] = value;
+                self.emulator.mean_scores(&self.space.coordinates(&x))
+            };
+            let (low, high) = ((x[j] - STEP).max(0.0), (x[j] + STEP).min(1.0));
+            at(high)
+                .iter()
+                .zip(at(low))
+                .map(|(high_score, low_score)| (high_score - low_score) / (high - low))
+                .collect()
+        };
+        let slopes: Vec<DVector<f64>> = (0..d).map(|j| DVector::from_vec(slope(j))).collect();
+        let (_, variance) = self.emulator.predict_scores(&self.space.coordinates(x));
+        let variance: Vec<f64> = variance.iter().map(|v| self.calibration * v.max(0.0)).collect();
+        let g = DMatrix::from_row_slice(variance.len(), variance.len(), &self.joint(&noise).quadratic.g);
+        let importance = self.beside(g, &variance, &noise);
+        let mut curvature = Square::zeros(d);
+        for i in 0..d {
+            let along = &importance * &slopes[i];
+            (0..=i).for_each(|j| curvature.row_mut(i)[j] = along.dot(&slopes[j]));
         }
-        let Some((factor, cholesky)) = self.capacitance(&g, &vec![0.0; k], noise.scatter) else {
+        curvature
+    }
+
+    /// What is left of G = BᵀD⁻¹B beside errors of the scores: their variances, and a share of the scatter.
+    fn beside(&self, mut importance: DMatrix<f64>, variance: &[f64], noise: &NoiseAt) -> DMatrix<f64> {
+        let k = variance.len();
+        let g: Vec<f64> = importance.transpose().as_slice().to_vec();
+        let Some((factor, cholesky)) = self.capacitance(&g, variance, noise.scatter) else {
             return importance;
         };
         // Columns of (chol)⁻¹ Lᵀ G.
@@ -535,13 +575,24 @@ pub struct Posterior<'a> {
     pub start: Option<Start>,
 }
 
-/// Something near the posterior: a mixture with a share of the prior.
+/// Something near the posterior: mixtures with a share of the prior.
 pub struct Start {
-    /// The mixture.
-    pub mixture: super::mixture::LocalMixture,
-    /// Number of coordinates that it is over; those behind them are even.
+    /// The mixtures, each with the same share.
+    pub mixtures: Vec<LocalMixture>,
+    /// Number of coordinates that they are over; those behind them are even.
     pub dimensions: usize,
 }
+
+impl Start {
+    fn ln_density(&self, x: &[f64]) -> f64 {
+        let terms: Vec<f64> =
+            self.mixtures.iter().map(|mixture| mixture.ln_density(&x[..self.dimensions])).collect();
+        ln_sum_exp(&terms) - (terms.len() as f64).ln()
+    }
+}
+
+/// One over the variance of an even density between 0 and 1.
+const OF_AN_EVEN_PRIOR: f64 = 12.0;
 
 /// Share of the prior in a start.
 pub const PRIOR_SHARE: f64 = 0.1;
@@ -551,20 +602,32 @@ impl Target for Posterior<'_> {
         let ln_prior = self.ln_prior(x);
         match &self.start {
             Some(start) if ln_prior > f64::NEG_INFINITY => {
-                let ln_mixture = start.mixture.ln_density(&x[..start.dimensions]);
-                ln_sum_exp(&[PRIOR_SHARE.ln() + ln_prior, (1.0 - PRIOR_SHARE).ln() + ln_mixture])
+                ln_sum_exp(&[PRIOR_SHARE.ln() + ln_prior, (1.0 - PRIOR_SHARE).ln() + start.ln_density(x)])
             }
             _ => ln_prior,
         }
     }
 
     fn ln_target(&self, x: &[f64]) -> f64 {
-        let ln_prior = self.ln_prior(x);
-        if ln_prior == f64::NEG_INFINITY { ln_prior } else { ln_prior + self.likelihood.fit(x).ln }
+        self.ln_density(x)
     }
 }
 
 impl Posterior<'_> {
+    /// ln of prior times likelihood at a point; −∞ outside the cube.
+    pub fn ln_density(&self, x: &[f64]) -> f64 {
+        let ln_prior = self.ln_prior(x);
+        if ln_prior == f64::NEG_INFINITY { ln_prior } else { ln_prior + self.likelihood.fit(x).ln }
+    }
+
+    /// The curvature of ln of the density in the parameters, lower half: that of [`Likelihood::curvature`], and of the
+    /// prior, of whose width the cube is.
+    pub fn curvature(&self, x: &[f64]) -> Square {
+        let mut curvature = self.likelihood.curvature(x);
+        (0..curvature.n()).for_each(|i| curvature.row_mut(i)[i] += OF_AN_EVEN_PRIOR);
+        curvature
+    }
+
     fn ln_prior(&self, x: &[f64]) -> f64 {
         if x[self.space.len()..].iter().all(|x| (0.0..=1.0).contains(x)) {
             self.space.ln_prior(x)

@@ -29,13 +29,15 @@ const NEGLIGIBLE: f64 = 0.3;
 
 /// Hold the newest runs against what a surrogate of the others predicts of them.
 ///
+/// * `variance` — of the noise over that of its base: what errors are small beside.
+///
 /// # Errors
 /// If a sample lacks a parameter.
 pub fn prove(
     before: &Surrogate,
     ranked: &Ranked<'_>,
     newest: &HashSet<&str>,
-    measured: &Measured,
+    (measured, variance): (&Measured, f64),
     space: &Space,
     samples: &Samples,
 ) -> Result<Option<Proof>> {
@@ -46,7 +48,7 @@ pub fn prove(
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
-        let (square, count, error) = surprise(before, space, measured, &x, &curve);
+        let (square, count, error) = surprise(before, space, (measured, variance), &x, &curve);
         total += square;
         degrees += count;
         squares.push(error);
@@ -65,7 +67,7 @@ pub fn prove(
 fn surprise(
     before: &Surrogate,
     space: &Space,
-    measured: &Measured,
+    (measured, noise): (&Measured, f64),
     x: &[f64],
     curve: &[f64],
 ) -> (f64, f64, f64) {
@@ -80,7 +82,7 @@ fn surprise(
     let covariance = emulator.score_covariance(&variance) + before.scatter.of_scores(emulator, measured);
     let Some(inverse) = gram.clone().try_inverse() else { return (0.0, 0.0, f64::INFINITY) };
     let scores = &inverse * pattern.tr_mul(&residual);
-    let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE);
+    let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE * noise);
     let square = match whole.cholesky() {
         Some(cholesky) => scores.dot(&cholesky.solve(&scores)),
         None => return (0.0, 0.0, f64::INFINITY),
