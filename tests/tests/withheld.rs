@@ -15,7 +15,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::named("contact").unwrap();
     generate::generate(&bench, Condition::AsStated, 30, 5, dir.path()).unwrap();
-    let how = How { runs: 25, in_two_rounds: true, exact: false, seed: 5 };
+    let how = How { runs: 25, in_rounds: true, exact: false, seed: 5 };
     diagnose::diagnose(&bench, how, dir.path()).unwrap();
     let cases = read(dir.path()).unwrap();
     let share = |choose: &dyn Fn(&Scored) -> bool, so: &dyn Fn(&Scored) -> bool| {

@@ -9,14 +9,13 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use gl_case::Case;
 use gl_engine::lock::OutLock;
 
 use crate::arguments::Request;
 use crate::check;
 use crate::step::{Call, Runner, copy, join, show};
 use crate::{Progress, words};
-use iteration::{Iteration, Setting};
+use iteration::{Iteration, Known, Setting};
 
 /// How long a calibration goes on, and whether it waits.
 #[derive(Args, Clone, Copy, Debug, Default)]
@@ -50,10 +49,13 @@ pub fn from_one(text: &str) -> Result<usize> {
 /// `posterior.txt` with what these say, and `posterior-runs-weights.txt` and `posterior-runs.txt` with the same of
 /// the real runs alone.
 ///
+/// * `known` — a folder with `samples.txt` and `ensemble.txt` of runs that are there already.
+///
 /// # Errors
 /// If the case is wrong, or a step fails.
-pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
+pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Result<Progress> {
     let case = request.load()?;
+    let known = known.map(|folder| Known::new(&case, folder)).transpose()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
@@ -65,6 +67,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         runs: Some((engine, model)),
         prior: &prior,
         settings: Some(settings),
+        known,
         wait: !limits.no_wait,
         runner: &runner,
         out: &out,
@@ -90,7 +93,7 @@ pub fn calibrate(request: &Request, limits: Limits) -> Result<Progress> {
         let call = Call::new("gl-check-stop").option("--max-iterations", Some(most));
         runner.ask(&call.option("--iteration", Some(last)).arg(folder.join("summary.txt")))?;
     }
-    finish(&case, &out, last)?;
+    finish(&setting, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
 }
@@ -104,14 +107,16 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
 }
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
-fn finish(case: &Case, out: &Path, last: usize) -> Result<()> {
+fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
+    let Setting { case, out, .. } = *setting;
     for test in &case.tests {
         let (within, name) = match test.name.as_str() {
             "" => (PathBuf::new(), "ensemble.txt".to_owned()),
             name => (PathBuf::from(name), format!("ensemble-{name}.txt")),
         };
         let of = |i| out.join(format!("iter{i}")).join(&within).join("ensemble.txt");
-        let ensembles: Vec<PathBuf> = (0..=last).map(of).collect();
+        let known = setting.known.iter().map(|known| known.ensemble.clone());
+        let ensembles: Vec<PathBuf> = known.chain((0..=last).map(of)).collect();
         let whole = out.join(".ensemble.txt");
         join(&ensembles, &whole, None)?;
         copy(&whole, &out.join(name))?;

@@ -102,12 +102,8 @@ impl Diagnosis<'_> {
         if !self.wait {
             call = call.arg("--no-wait");
         }
-        if self.case.posterior == Posterior::Emulator {
-            // What comes after weighs curves of real runs, scatter and all; and a model with a gap is the very one of
-            // which an emulator's posterior is not settled for long.
-            call = call.arg("posterior=weights");
-        }
-        if self.case.tolerances.misfit.is_none() {
+        let is_weighed = self.case.posterior != Posterior::Emulator;
+        if is_weighed && self.case.tolerances.misfit.is_none() {
             call = call.arg("misfit_tol=1");
         }
         call = call.args(&self.request.given);
@@ -115,6 +111,9 @@ impl Diagnosis<'_> {
             call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
         }
         if let Some(effects) = effects {
+            if !is_weighed {
+                call = call.flag("--with", self.known(effects, out)?);
+            }
             call = call.arg(format!("effects={effects}"));
         }
         if self.runner.call(&call, Messages::Shown)? == 1 {
@@ -123,6 +122,15 @@ impl Diagnosis<'_> {
         // It may have found everything as it was.
         touch(&posterior)?;
         Ok(Progress::Finished)
+    }
+
+    /// The runs of the design that belong to the calibration with some effects.
+    fn known(&self, effects: &str, out: &Path) -> Result<PathBuf> {
+        let prior = Prior::read(&self.wider_prior().unwrap_or_else(|| self.case.params()))?;
+        let effects: Vec<String> = effects.split(',').map(str::to_owned).collect();
+        let folder = out.join("known");
+        self.runs_with(&effects, &prior, &folder)?;
+        Ok(folder)
     }
 
     /// The prior with its bounds moved to where the design has gone, if it went beyond them.

@@ -53,6 +53,7 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
         runs: None,
         prior: &prior,
         settings: None,
+        known: None,
         wait: true,
         runner: &runner,
         out: &out,

@@ -15,7 +15,8 @@
 //!    measurement cannot tell apart, [`closure`] how far the gap should close, [`marginals`] what is known
 //!    of the parameters then.
 //! 5. For a user. [`diagnosis`] goes from tables to a table, [`verdict`] to a few sentences;
-//!    [`next_runs`] says where further runs would teach the emulator most; [`self_check`] diagnoses runs of the
+//!    [`next_runs`] says where further runs would teach the emulator most, and [`rounds`] how many and when there are
+//!    enough; [`self_check`] diagnoses runs of the
 //!    design, whose cause is known.
 
 pub mod adequacy;
@@ -38,6 +39,7 @@ pub mod path;
 pub mod predictor;
 pub mod problem;
 pub mod rest;
+pub mod rounds;
 pub mod self_check;
 #[cfg(test)]
 mod synthetic_world;

@@ -78,7 +78,7 @@ fn run(args: &Args) -> Result<()> {
             generate::generate(&Bench::under(world, condition)?, condition, *num, *seed, dir)
         }
         Step::Diagnose { world, dir, condition, runs, one_round, exact, seed } => {
-            let how = How { runs: *runs, in_two_rounds: !one_round, exact: *exact, seed: *seed };
+            let how = How { runs: *runs, in_rounds: !one_round, exact: *exact, seed: *seed };
             diagnose::diagnose(&Bench::under(world, Condition::named(condition)?)?, how, dir)
         }
         Step::Score { dirs } => {

@@ -13,6 +13,8 @@ use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
+use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
+use gl_gap::attribute::verdict::ignorance;
 use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
@@ -32,9 +34,8 @@ use super::generate::KINDS;
 pub struct How {
     /// Runs of the design, an input of the emulator.
     pub runs: usize,
-    /// Whether two fifths of them are made in a second round, where the first one asks for them, as
-    /// `gl-diagnose` does.
-    pub in_two_rounds: bool,
+    /// Whether they are made in rounds, until one says what the one before did, as `gl-diagnose` does.
+    pub in_rounds: bool,
     /// Whether the world itself predicts, not an emulator: the best that any emulator could do.
     pub exact: bool,
     /// Seed of the design.
@@ -44,7 +45,7 @@ pub struct How {
 impl How {
     /// Runs of the first round, an input of the emulator.
     fn first(self) -> usize {
-        if self.in_two_rounds { (3 * self.runs).div_ceil(5) } else { self.runs }
+        if self.in_rounds { Rounds { all: self.runs }.first() } else { self.runs }
     }
 }
 
@@ -140,9 +141,9 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
     write(&list, &verdicts, &dir.join("verdicts.tsv"))
 }
 
-/// What a case comes down to, how far the gap should close if an effect comes first, and whether the prior was made
-/// wider.
-type Verdict = (Diagnosis, Option<Shrink>, bool);
+/// What a case comes down to, how far the gap should close if an effect comes first, whether the prior was made
+/// wider, and the number of runs.
+type Verdict = (Diagnosis, Option<Shrink>, bool, usize);
 
 fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
@@ -151,8 +152,10 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
     let candidates: Vec<Candidate> = simulated.chain(measured).collect();
     let noise = observations.noise(&ByName::default())?;
     let all = how.runs * shared.prior.parameters().len();
-    let (mut own, mut widened, mut is_pointed) = (None::<Design>, 0, !how.in_two_rounds);
-    let diagnosed = |design: &Design| -> Result<Verdict> {
+    let rounds = Rounds { all };
+    let (mut own, mut widened, mut pointed) = (None::<Design>, 0, 0);
+    let mut before: Option<Standing> = None;
+    let diagnosed = |design: &Design| -> Result<(Verdict, Standing)> {
         let world =
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
         let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
@@ -162,28 +165,42 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let explanations = &diagnosis.attribution.explanations;
         let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
-        Ok((diagnosis, closes, design_box::with_beyond(&shared.prior, &design.prior)?.is_some()))
+        let standing = Standing {
+            cause: cause(&diagnosis.first().name),
+            probability: diagnosis.stated(),
+            ignorance: ignorance(&problem, diagnosis.first()),
+        };
+        let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
+        Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))
     };
     for round in 1.. {
         let design = own.as_ref().unwrap_or(shared);
-        let found = diagnosed(design)?;
+        let (found, now) = diagnosed(design)?;
         let leans: Vec<design_box::Lean> = found.0.leans.iter().map(design_box::Lean::from).collect();
         let wider = widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?;
-        let (prior, values) = match wider.filter(|_| how.in_two_rounds && widened < WIDEST) {
+        let (prior, values) = match wider.filter(|_| how.in_rounds && widened < WIDEST) {
             Some(wider) => {
                 widened += 1;
+                before = None;
                 let seed = how.seed + round as u64;
-                let values = design::draw(&wider, &Effects::Switch, Method::Halton, all / 2, seed, true)?;
+                let values =
+                    design::draw(&wider, &Effects::Switch, Method::Halton, rounds.wider(), seed, true)?;
                 (wider, values)
             }
-            None if is_pointed => return Ok(found),
+            None if !how.in_rounds
+                || pointed == POINTED
+                || before.as_ref().is_some_and(|before| now.is_settled_since(before)) =>
+            {
+                return Ok(found);
+            }
             None => {
-                is_pointed = true;
+                before = Some(now);
                 let noise = noise.clone();
                 let predictor = &design.emulator;
                 let problem =
                     Problem::new(predictor, &design.prior, candidates.clone(), observations, noise, 1.0)?;
-                let count = all - how.first() * shared.prior.parameters().len();
+                let count = rounds.pointed(pointed);
+                pointed += 1;
                 let explanations = &found.0.attribution.explanations;
                 (design.prior.clone(), next_runs(&problem, explanations, count, how.seed)?)
             }
@@ -210,9 +227,10 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "shrink_high",
         "effects",
         "closer_look",
+        "runs",
     ];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for (row, (diagnosis, closes, is_wider)) in verdicts.iter().enumerate() {
+    for (row, (diagnosis, closes, is_wider, runs)) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
         table.text(list.field(row, 0)).text(&cause(&first.name));
         table.numbers(&[diagnosis.stated()]);
@@ -241,7 +259,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
                 )
             })
             .collect();
-        table.text(&effects.join(",")).text(&looks.join("; ")).end_row()?;
+        table.text(&effects.join(",")).text(&looks.join("; ")).number(*runs as f64).end_row()?;
     }
     table.finish()
 }

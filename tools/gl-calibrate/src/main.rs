@@ -1,5 +1,6 @@
 //! Calibrate a case.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -21,6 +22,10 @@ struct Args {
     request: Request,
     #[command(flatten)]
     limits: Limits,
+    /// Runs of the same model that are there already, samples.txt and ensemble.txt in DIR: with an emulator they count
+    /// from the start
+    #[arg(long, value_name = "DIR")]
+    with: Option<PathBuf>,
 }
 
 const EXAMPLE: &str = "\
@@ -29,7 +34,7 @@ Example:
   gl-calibrate my-case num=20 seed=5 --out out/my-case";
 
 fn run(args: &Args) -> anyhow::Result<Progress> {
-    calibrate(&args.request, args.limits)
+    calibrate(&args.request, args.limits, args.with.as_deref())
 }
 
 fn main() -> ExitCode {

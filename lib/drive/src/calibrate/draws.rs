@@ -1,6 +1,6 @@
 //! An iteration through an emulator: draws of the posterior, and the samples that would tell most.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_case::Posterior;
@@ -27,15 +27,53 @@ impl Iteration<'_> {
         let is_left = (0..self.number).any(|i| self.setting.folder(i).join(FALLBACK).exists());
         match case.num {
             None if is_left => weighed_runs(varied(prior, &case.effects)),
+            // Runs that are there already stand for some of the first ones.
+            None if self.number == 0 => {
+                let known = self.setting.known.as_ref().map_or(0, |known| known.runs);
+                runs_of_iteration(case, prior, 0).saturating_sub(known).max(runs_of_iteration(case, prior, 1))
+            }
             _ => runs_of_iteration(case, prior, self.number),
         }
+    }
+
+    /// The first samples where an emulator of the runs that are there already asks for them: false if there are none, or
+    /// too few for one.
+    pub(crate) fn take_known(&self, samples: &Path) -> Result<bool> {
+        let Some(known) = &self.setting.known else { return Ok(false) };
+        let unused = self.file(".unused.txt");
+        let call = self
+            .posterior(&[known.samples.clone()], self.runs(), 0)
+            .flag("--next-out", samples)
+            .flag("-o", &unused)
+            .arg(&known.ensemble);
+        let is_made = self.setting.runner.attempt(&call, &self.file("known.log"))?;
+        let _ = std::fs::remove_file(unused);
+        Ok(is_made)
+    }
+
+    /// `gl-posterior` with these samples, which says what to run as iteration `next`.
+    fn posterior(&self, samples: &[PathBuf], runs: usize, next: usize) -> Call {
+        let case = self.setting.case;
+        let call = Call::new("gl-posterior").flag("-p", case.params());
+        let call = samples.iter().fold(call, |call, table| call.flag("-s", table));
+        all_tests(call, case)
+            .option("--scatter", case.scatter)
+            .option("--seed", Some(case.seed + self.number as u64))
+            .option("--next", Some(runs))
+            .flag("--name", &case.name)
+            .option("--iteration", Some(next))
+            .option("--threads", case.threads)
     }
 
     /// Sample the posterior, and say what to run next: false where no emulator follows the simulator, so that the
     /// weights of the runs have to do.
     pub(crate) fn draw(&self) -> Result<bool> {
         let draws = self.file("posterior-weights.txt");
-        let (ensembles, samples) = (self.tables_of_tests("ensemble.txt"), self.files_so_far("samples.txt"));
+        let known = self.setting.known.as_ref();
+        let mut samples: Vec<PathBuf> = known.iter().map(|known| known.samples.clone()).collect();
+        samples.extend(self.files_so_far("samples.txt"));
+        let mut ensembles: Vec<PathBuf> = known.iter().map(|known| known.ensemble.clone()).collect();
+        ensembles.extend(self.tables_of_tests("ensemble.txt"));
         let verdict = self.file("posterior-verdict.txt");
         if self.file(FALLBACK).exists() && is_current(&self.file(FALLBACK), &ensembles)? {
             return Ok(false);
@@ -45,24 +83,16 @@ impl Iteration<'_> {
         if !is_current(&draws, &inputs)? {
             let _ = std::fs::remove_file(self.file(FALLBACK));
             let case = self.setting.case;
-            let mut call = Call::new("gl-posterior").flag("-p", case.params());
-            for table in &samples {
-                call = call.flag("-s", table);
-            }
-            let next = runs_of_iteration(case, self.setting.prior, self.number + 1);
-            let call = all_tests(call, case)
-                .option("--scatter", case.scatter)
-                .option("--seed", Some(case.seed + self.number as u64))
-                .option("--next", Some(next))
+            let next = self.number + 1;
+            let call = self
+                .posterior(&samples, runs_of_iteration(case, self.setting.prior, next), next)
                 .flag("--next-out", self.file("next.txt"))
-                .flag("--name", &case.name)
-                .option("--iteration", Some(self.number + 1))
-                .option("--threads", case.threads)
                 .flag("--summary", self.file("posterior.txt"))
                 .flag("--run-weights", self.file("posterior-runs-weights.txt"))
                 .flag("--run-summary", self.file("posterior-runs.txt"))
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
+                .args(known.map(|known| &known.ensemble))
                 .args(self.ensembles_of_tests());
             let log = self.file("emulator.log");
             let _ = std::fs::remove_file(&log);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
@@ -20,10 +20,38 @@ pub(crate) struct Setting<'a> {
     pub(crate) prior: &'a Prior,
     /// What was given for the call, where it is kept.
     pub(crate) settings: Option<PathBuf>,
+    /// Runs that were there before the first iteration.
+    pub(crate) known: Option<Known>,
     /// Whether to wait for runs in a queue.
     pub(crate) wait: bool,
     pub(crate) runner: &'a Runner,
     pub(crate) out: &'a Path,
+}
+
+/// Runs that were made for something else, and are of the same model.
+pub(crate) struct Known {
+    pub(crate) samples: PathBuf,
+    pub(crate) ensemble: PathBuf,
+    pub(crate) runs: usize,
+}
+
+impl Known {
+    /// # Errors
+    /// If the case has several tests or no emulator, or the tables cannot be read.
+    pub(crate) fn new(case: &Case, folder: &Path) -> Result<Self> {
+        ensure!(
+            !case.has_tests() && case.posterior == Posterior::Emulator,
+            "--with {}: takes runs of one test, for an emulator; leave it out with [[test]] and posterior=weights",
+            folder.display()
+        );
+        let [samples, ensemble] = ["samples.txt", "ensemble.txt"].map(|name| folder.join(name));
+        ensure!(
+            ensemble.is_file(),
+            "{}: not there; --with takes a folder with samples.txt and ensemble.txt",
+            ensemble.display()
+        );
+        Ok(Self { runs: Samples::read(&samples)?.len(), samples, ensemble })
+    }
 }
 
 impl Setting<'_> {
@@ -96,7 +124,7 @@ impl<'a> Iteration<'a> {
         let Some(previous) = &self.previous else {
             let mut inputs = self.setting.given();
             inputs.push(case.params());
-            if is_current(&samples, &inputs)? {
+            if is_current(&samples, &inputs)? || self.take_known(&samples)? {
                 return Ok(());
             }
             let call = Call::new("gl-sample").flag("-p", case.params()).option("-n", Some(self.runs()));

@@ -2,13 +2,15 @@
 //!
 //! The design draws the base parameters from a box about what fits best in `base`. Where a hypothesis that is not ruled
 //! out leans on the box, it is made wider on that side and further runs are made, twice at the most, beyond the prior,
-//! too: a truth that the prior excludes would else be explained by whatever imitates it. The last runs are
-//! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right.
+//! too: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
+//! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
+//! first of them that says what the one before did is the last.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
@@ -30,19 +32,23 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let (mut widened, mut is_pointed) = (0, false);
+        let (mut widened, mut pointed) = (0, 0);
+        let mut before: Option<Standing> = None;
         for number in 0.. {
-            let round = Round { diagnosis: self, number, folder: self.round(number) };
+            let round = Round { diagnosis: self, number, folder: self.round(number), pointed };
             if round.make()? == Progress::InQueue {
                 return Ok(Progress::InQueue);
             }
+            let now = round.standing()?;
             if widened < WIDEST && self.widen(&round.folder, number)? {
                 widened += 1;
-            } else if is_pointed {
+                before = None;
+            } else if pointed == POINTED || before.is_some_and(|before| now.is_settled_since(&before)) {
                 return self.conclude(&round.folder);
             } else {
-                is_pointed = true;
                 self.point(&round.folder, number + 1)?;
+                pointed += 1;
+                before = Some(now);
             }
         }
         unreachable!("rounds end by themselves")
@@ -136,6 +142,8 @@ struct Round<'a> {
     diagnosis: &'a Diagnosis<'a>,
     number: usize,
     folder: PathBuf,
+    /// Rounds before it that were made where the hypotheses point.
+    pointed: usize,
 }
 
 impl Round<'_> {
@@ -155,6 +163,13 @@ impl Round<'_> {
         self.folder.join(name)
     }
 
+    /// What it says.
+    fn standing(&self) -> Result<Standing> {
+        let [attribution, verdict] =
+            ["attribution.txt", "attribution-verdict.txt"].map(|name| self.file(name));
+        Standing::of_tables(&Table::read(&attribution)?, &Table::read(&verdict)?)
+    }
+
     /// The first box; those of later rounds are there already.
     fn narrow(&self) -> Result<()> {
         let (target, weights) = (self.file("params.txt"), self.diagnosis.file("base").join(RUNS_WEIGHTS));
@@ -167,16 +182,20 @@ impl Round<'_> {
         self.diagnosis.runner.must(&call, Messages::Shown)
     }
 
-    /// Switch effects on and off all over the box: three fifths of the runs in the first round, half as many as there
-    /// are in all in a round with a wider box. The samples of the last round are there already.
+    /// Switch effects on and off all over the box. The samples of a round that the one before pointed to are there
+    /// already.
     fn sample(&self) -> Result<()> {
         let (target, params) = (self.file("samples.txt"), self.file("params.txt"));
         if is_current(&target, &[&params])? {
             return Ok(());
         }
-        let all = self.diagnosis.runs()?;
         let case = self.diagnosis.case;
-        let num = if self.number == 0 { all - last_runs(all) } else { all / 2 };
+        let rounds = self.diagnosis.rounds()?;
+        let num = if self.number == 0 {
+            rounds.first() - self.diagnosis.known_runs(rounds)?
+        } else {
+            rounds.wider()
+        };
         let call = Call::new("gl-sample")
             .flag("-p", params)
             .option("-n", Some(num))
@@ -300,7 +319,7 @@ impl Round<'_> {
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--next-out", self.file("next.txt"))
-            .option("--next", Some(last_runs(self.diagnosis.runs()?)))
+            .option("--next", Some(self.diagnosis.rounds()?.pointed(self.pointed)))
             .flag("--name", format!("{}-design", case.name))
             .option("--iteration", Some(self.number + 1))
             .option("--threads", case.threads)
@@ -313,20 +332,43 @@ impl Round<'_> {
 }
 
 impl Diagnosis<'_> {
-    /// Runs of the design in all: where the case does not say, those of the base model that lie in the first box count
-    /// for it, up to two fifths.
-    fn runs(&self) -> Result<usize> {
-        let all = runs_of_design(self.case, &Prior::read(&self.case.params())?);
-        if self.case.design_num.is_some() {
-            return Ok(all);
-        }
-        let first = Round { diagnosis: self, number: 0, folder: self.round(0) };
-        let there = first.in_box(&first.tables("samples", false))?;
-        Ok(all - there.len().min(all * 2 / 5))
+    /// How many runs the rounds have.
+    fn rounds(&self) -> Result<Rounds> {
+        Ok(Rounds { all: runs_of_design(self.case, &Prior::read(&self.case.params())?) })
     }
-}
 
-/// Of so many runs, those that are made where the first ones point.
-fn last_runs(all: usize) -> usize {
-    all * 2 / 5
+    /// Runs of the base model that stand for some of the first round: those that lie in its box, up to two fifths of it.
+    fn known_runs(&self, rounds: Rounds) -> Result<usize> {
+        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0 };
+        let there = first.in_box(&first.tables("samples", false))?;
+        Ok(there.len().min(rounds.first() * 2 / 5))
+    }
+
+    /// The runs of the design in which these effects are on and no others, within a prior, as `samples.txt` and
+    /// `ensemble.txt` of a folder: those belong to the calibration with these effects, too.
+    pub(super) fn runs_with(&self, effects: &[String], prior: &Prior, folder: &Path) -> Result<()> {
+        let design = self.file("design");
+        let (all, target) = (design.join("samples.txt"), folder.join("samples.txt"));
+        if is_current(&target, &[&all, &self.file("winner.txt")])? {
+            return Ok(());
+        }
+        make_folder(folder)?;
+        let samples = Samples::read(&all)?;
+        let values = samples.columns(&prior.names())?;
+        let is_of = |(parameter, &value): (&Parameter, &f64)| match &parameter.effect {
+            Some(effect) if !effects.contains(effect) => parameter.off == Some(value),
+            _ => (parameter.lower..=parameter.upper).contains(&value),
+        };
+        let names = samples.names.iter().zip(&values);
+        let wanted: BTreeSet<&str> = names
+            .filter(|(_, row)| prior.parameters().iter().zip(*row).all(is_of))
+            .map(|(name, _)| name.as_str())
+            .collect();
+        for (table, column) in [("ensemble", "sample"), ("samples", "description")] {
+            let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
+            let name = format!("{table}.txt");
+            join(&[design.join(&name)], &folder.join(&name), Some(&wanted))?;
+        }
+        Ok(())
+    }
 }

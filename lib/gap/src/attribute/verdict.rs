@@ -35,7 +35,7 @@ const FITS: f64 = 0.05;
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
 /// units of noise and scatter.
-fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
+pub fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
     let model = explanation.model(problem);
     let w = explanation.best();
     // By the stated noise: one that came out larger may have taken in what the emulator does not know.
@@ -135,12 +135,19 @@ fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
     ));
 }
 
+/// Whether an explanation fits only by a noise that is larger than another one needs.
+fn needs_more_noise(problem: &Problem<'_>, of: &Explanation, than: &Explanation) -> bool {
+    let scales = |of: &Explanation| of.model(problem).nuisances(of.best()).scales;
+    scales(of).iter().zip(scales(than)).any(|(of, than)| *of > OTHER_NOISE * than)
+}
+
 /// The cause, or why there is none.
 fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let first = diagnosis.first();
     let effects = name(&first.hypothesis, &problem.candidates);
     let probability = diagnosis.probability_of(&first.hypothesis);
-    let is_fit = diagnosis.base().fits.is_some_and(|fits| fits > FITS);
+    let is_fit = diagnosis.base().fits.is_some_and(|fits| fits > FITS)
+        && !needs_more_noise(problem, diagnosis.base(), first);
     let is_settled = probability >= SETTLED && diagnosis.leans.is_empty() && !is_fit;
     if !first.is_cause() {
         if !first.has_rest {

@@ -12,6 +12,16 @@ use gl_table::Table;
 /// # Errors
 /// If the table has no columns `hypothesis probability`, or no rows.
 pub fn winning_effects(prior: &Prior, attribution: &Table) -> Result<Vec<String>> {
+    let (name, _) = most_probable(attribution)?;
+    let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
+    Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
+}
+
+/// The most probable cause and its probability: effects with a rest and without are one.
+///
+/// # Errors
+/// See [`winning_effects`].
+pub fn most_probable(attribution: &Table) -> Result<(String, f64)> {
     let source = attribution.format().source();
     ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
     let hypothesis = attribution.format().column("hypothesis")?;
@@ -20,17 +30,16 @@ pub fn winning_effects(prior: &Prior, attribution: &Table) -> Result<Vec<String>
         let name = attribution.field(row, hypothesis);
         name.strip_suffix("+unexplained").unwrap_or(name)
     };
-    // The same effects with a rest and without are one cause. Of several that are as probable, the first.
+    // Of several that are as probable, the first.
     let of_cause = |row: usize| -> f64 {
         (0..probability.len())
             .filter(|&other| cause(other) == cause(row))
             .map(|other| probability[other])
             .sum()
     };
-    let first = (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b)));
-    let name = cause(first.unwrap_or(0));
-    let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
-    Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
+    let first =
+        (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b))).unwrap_or(0);
+    Ok((cause(first).to_owned(), of_cause(first)))
 }
 
 #[cfg(test)]

@@ -1,0 +1,107 @@
+//! How many runs a design has, and when it has enough of them.
+//!
+//! Where one cause stands out, a third of the runs show it as well as all of them do; where two are close, each run
+//! counts. So a design is made in rounds, each of the later ones where the hypotheses put the parameters, until two
+//! rounds say the same.
+
+use anyhow::Result;
+use gl_table::Table;
+
+use crate::attribute::winner::most_probable;
+
+/// The sizes of rounds, as shares of all runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rounds {
+    /// Runs in all, at the most.
+    pub all: usize,
+}
+
+/// Rounds that are made where the hypotheses put the parameters.
+pub const POINTED: usize = 3;
+
+impl Rounds {
+    /// Runs of the first round, all over the box: two fifths.
+    pub fn first(self) -> usize {
+        (2 * self.all).div_ceil(5)
+    }
+
+    /// Runs of a round in a wider box: a fifth.
+    pub fn wider(self) -> usize {
+        self.all.div_ceil(5)
+    }
+
+    /// Runs of a pointed round, from 0: a tenth, twice as many, and what is left.
+    pub fn pointed(self, number: usize) -> usize {
+        let tenth = self.all.div_ceil(10);
+        match number {
+            0 => tenth,
+            1 => 2 * tenth,
+            _ => self.all.saturating_sub(self.first() + 3 * tenth).max(1),
+        }
+    }
+}
+
+/// What a round says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Standing {
+    /// What comes first: effects, with a rest and without, `none`, or `unexplained`.
+    pub cause: String,
+    /// Its probability.
+    pub probability: f64,
+    /// What the emulator does not know at the best fit, in units of noise and scatter.
+    pub ignorance: f64,
+}
+
+/// From this probability on a cause stands out.
+const SHARP: f64 = 0.95;
+
+/// What the emulator may not know then.
+const KNOWN: f64 = 1.0;
+
+impl Standing {
+    /// By the tables of `gl-gap-attribute`: its rows, and its verdict.
+    ///
+    /// # Errors
+    /// If a column is missing, or there are no rows.
+    pub fn of_tables(attribution: &Table, verdict: &Table) -> Result<Self> {
+        let (cause, probability) = most_probable(attribution)?;
+        let (code, value) = (verdict.format().column("code")?, verdict.format().column("value")?);
+        let said = (0..verdict.len()).find(|&row| verdict.field(row, code) == "emulator");
+        let ignorance = said.and_then(|row| verdict.field(row, value).parse().ok()).unwrap_or(0.0);
+        Ok(Self { cause, probability, ignorance })
+    }
+
+    /// Whether further runs are unlikely to change what is said: it is what the round before said, and stands out in
+    /// both.
+    pub fn is_settled_since(&self, before: &Self) -> bool {
+        self.cause == before.cause
+            && self.probability >= SHARP
+            && before.probability >= SHARP
+            && self.ignorance <= KNOWN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_add_up_to_all_runs() {
+        for all in [50, 75, 150, 225, 301] {
+            let rounds = Rounds { all };
+            let pointed: usize = (0..POINTED).map(|number| rounds.pointed(number)).sum();
+            assert_eq!(rounds.first() + pointed, all);
+        }
+    }
+
+    #[test]
+    fn a_round_settles_what_the_one_before_said_as_well() {
+        let of =
+            |cause: &str, probability, ignorance| Standing { cause: cause.into(), probability, ignorance };
+        let now = of("adhesion", 0.97, 0.6);
+        assert!(now.is_settled_since(&of("adhesion", 0.96, 3.0)));
+        assert!(!now.is_settled_since(&of("damping", 0.96, 0.6)));
+        assert!(!now.is_settled_since(&of("adhesion", 0.9, 0.6)));
+        assert!(!of("adhesion", 0.97, 1.6).is_settled_since(&now));
+    }
+}
