@@ -106,6 +106,11 @@ fn switch_off(prior: &Prior, effect: &Effect, sample: &mut [f64]) {
     }
 }
 
+/// Fewest samples in which so many effects can be switched on and off.
+pub fn least_switched(effects: usize) -> usize {
+    (12 * effects).div_ceil(5) + 2
+}
+
 /// Which effects are on in each of `n` runs, shape (n, effects): each in half of the runs, none in at
 /// least one run in six, and each alone in a few.
 ///
@@ -118,7 +123,7 @@ pub fn switches(n: usize, effects: usize, seed: u64) -> Result<Vec<Vec<bool>>> {
     ensure!(
         fixed <= n,
         "{n} samples are too few to switch {effects} effects on and off; draw at least {}",
-        (12 * effects).div_ceil(5) + 2
+        least_switched(effects)
     );
     let mixed = n - fixed;
     // The runs with none and with one effect lack some of the half that each effect is to be on in.

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
+use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
 use gl_table::Table;
@@ -196,6 +197,7 @@ impl Round<'_> {
         } else {
             rounds.wider()
         };
+        let num = num.max(least_switched(Prior::read(&params)?.effects().len()));
         let call = Call::new("gl-sample")
             .flag("-p", params)
             .option("-n", Some(num))
@@ -337,8 +339,12 @@ impl Diagnosis<'_> {
         Ok(Rounds { all: runs_of_design(self.case, &Prior::read(&self.case.params())?) })
     }
 
-    /// Runs of the base model that stand for some of the first round: those that lie in its box, up to two fifths of it.
+    /// Runs of the base model that stand for some of the first round, where the case does not say how many there are:
+    /// those that lie in its box, up to two fifths of it.
     fn known_runs(&self, rounds: Rounds) -> Result<usize> {
+        if self.case.design_num.is_some() {
+            return Ok(0);
+        }
         let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0 };
         let there = first.in_box(&first.tables("samples", false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
