@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::time::SystemTime;
 
 use pipelines::calibration::{calibrate, copy_case, driver, finish, set, tables};
@@ -337,6 +337,35 @@ fn the_last_runs_of_a_design_lie_where_the_first_ones_point() {
     let mut runs = folder.texts("made/design/ensemble.txt", "sample");
     runs.dedup();
     assert_eq!(runs.len(), rows(&folder, "made/design/samples.txt"));
+}
+
+/// The tools that work in a folder.
+fn at_work(folder: &Folder) -> Vec<String> {
+    let here = fs::canonicalize(folder.path("")).unwrap();
+    let is_here = |process: &PathBuf| fs::read_link(process.join("cwd")).is_ok_and(|cwd| cwd == here);
+    let processes = fs::read_dir("/proc").unwrap().map(|entry| entry.unwrap().path()).filter(is_here);
+    let name = |process: PathBuf| fs::read_to_string(process.join("comm")).ok();
+    processes.filter_map(name).filter(|name| name.starts_with("gl-")).collect()
+}
+
+#[test]
+fn a_driver_that_is_stopped_takes_its_steps_with_it() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &SMALL);
+    let mut driver = driver(&folder, "gl-calibrate");
+    let driver = driver.args(["case", "--engine", "local", "--out", "made", "model=sleep 60"]);
+    let mut child = driver.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let waits = |what: &dyn Fn() -> bool| {
+        (0..200).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            what()
+        })
+    };
+    assert!(waits(&|| at_work(&folder).iter().any(|name| name.starts_with("gl-run"))));
+    // The driver alone: who calls `kill` with a number knows no groups.
+    Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    child.wait().unwrap();
+    assert!(waits(&|| at_work(&folder).is_empty()), "{:?}", at_work(&folder));
 }
 
 /// All runs of a folder of results.

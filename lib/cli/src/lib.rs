@@ -34,10 +34,24 @@ pub fn parse<A: Parser>() -> A {
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
     let arguments = A::parse();
+    follow_driver();
     if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
         gl_progress::watch(Box::new(line));
     }
     arguments
+}
+
+/// Set for the tools that a driver calls.
+pub const DRIVEN: &str = "GL_DRIVEN";
+
+/// A tool that a driver called ends with it: whoever stops a calibration does not want its runs to go on.
+fn follow_driver() {
+    #[cfg(target_os = "linux")]
+    if env::var_os(DRIVEN).is_some() {
+        use rustix::process::{Signal, set_parent_process_death_signal};
+        // Where the system refuses, the tool goes on to its end, as it does by itself.
+        let _ = set_parent_process_death_signal(Some(Signal::TERM));
+    }
 }
 
 /// Write a manual page, completions or the names of the subcommands to standard output.

@@ -103,15 +103,13 @@ impl Runner {
     /// If it ends with another code.
     pub(crate) fn call(&self, call: &Call, messages: Messages<'_>) -> Result<i32> {
         self.note(&call.line())?;
-        let mut command = Command::new(gl_cli::sibling(call.tool));
-        command.args(&call.arguments);
-        self.spawn(command, call.tool, messages)
+        self.spawn(called(call), call.tool, messages)
     }
 
     /// Call a tool for what it says, and for nothing that stays.
     pub(crate) fn ask(&self, call: &Call) -> Result<()> {
-        let mut command = Command::new(gl_cli::sibling(call.tool));
-        command.args(&call.arguments).stdout(Stdio::null());
+        let mut command = called(call);
+        command.stdout(Stdio::null());
         self.spawn(command, call.tool, Messages::Shown).map(|_| ())
     }
 
@@ -130,8 +128,7 @@ impl Runner {
         self.note(&call.line())?;
         let file = File::options().create(true).append(true).open(log);
         let file = file.with_context(|| format!("{}: cannot be written", log.display()))?;
-        let mut command = Command::new(gl_cli::sibling(call.tool));
-        let status = command.args(&call.arguments).stdin(Stdio::null()).stderr(file).status();
+        let status = called(call).stdin(Stdio::null()).stderr(file).status();
         let status = status.with_context(|| format!("{}: cannot be started", call.tool))?;
         match status.code() {
             Some(0) => Ok(true),
@@ -176,6 +173,13 @@ impl Runner {
         file.and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()))
             .with_context(|| format!("{}: cannot be written", self.log.display()))
     }
+}
+
+/// A tool that ends with its driver.
+fn called(call: &Call) -> Command {
+    let mut command = Command::new(gl_cli::sibling(call.tool));
+    command.args(&call.arguments).env(gl_cli::DRIVEN, "1");
+    command
 }
 
 /// Show what a file of messages holds from a byte on.

@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 
 use crate::ensemble::Ensemble;
+use crate::samples::Samples;
 use gl_table::{Table, TableWriter};
 
 /// Weighted samples: their parameters, how well each fits, and the weights.
@@ -37,6 +38,20 @@ impl Weights {
         let table = Table::read(path)?;
         table.check_end()?;
         Self::from_table(&table)
+    }
+
+    /// The samples of a samples table, or those of a table of weights, such as the draws of `gl-posterior`.
+    ///
+    /// # Errors
+    /// See [`Samples::read`] and [`Weights::read`].
+    pub fn read_samples(path: &Path) -> Result<Samples> {
+        let table = Table::read(path)?;
+        if table.format().find("description")?.is_some() || table.format().find("weight")?.is_none() {
+            return Samples::from_table(&table);
+        }
+        table.check_end()?;
+        let Self { source, samples, parameters, values, .. } = Self::from_table(&table)?;
+        Ok(Samples { source, names: samples, parameters, values })
     }
 
     /// Read the weights at several steps, from a table with a column `step`, as [`Weights::read`] does

@@ -10,6 +10,7 @@ use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
+use gl_inference::weights::Weights;
 
 /// Predict what runs would give at other samples, without running them.
 ///
@@ -25,7 +26,7 @@ struct Args {
     /// Samples of the runs in the ensemble
     #[arg(short, long, value_name = "FILE")]
     samples: PathBuf,
-    /// Samples to predict
+    /// Samples to predict: a samples table, or weights such as the draws of gl-posterior
     #[arg(long, value_name = "FILE", required_unless_present_any = ["check", "leave_one_out"])]
     at: Option<PathBuf>,
     /// Print the leave-one-out error of each observable instead
@@ -76,7 +77,7 @@ Example: twelve runs of f = a u, and what a thirteenth would give
 fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
-    let at = args.at.as_deref().map(Samples::read).transpose()?;
+    let at = args.at.as_deref().map(Weights::read_samples).transpose()?;
     let ensemble = Ensemble::read_by_header(&args.ensemble, args.control.as_deref(), &args.observables)?;
     let options = Options { seed: args.seed, ..Options::default() };
     let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
