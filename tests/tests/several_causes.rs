@@ -1,0 +1,138 @@
+//! Which effect explains the gap in several tests of the same samples, through the tools.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fmt::Write as _;
+
+use gl_table::verdict::Verdicts;
+use pipelines::folder::Folder;
+
+/// A noise of no pattern, between -1 and 1.
+fn noise(i: usize) -> f64 {
+    (12.9898 * (i * i + 3 * i + 1) as f64).sin()
+}
+
+/// y = a + b x p + bend x² p², at a pressure p that is known of a test.
+fn curve(x: f64, p: f64, [a, b, bend]: [f64; 3]) -> f64 {
+    a + b * x * p + bend * x * x * p * p
+}
+
+const STEPS: usize = 16;
+
+/// Measurements and ensembles of this model: `whole`, one test with the observables y and f at the pressures 1 and
+/// 2; and the same as the tests `low` and `high` with an observable each. What is measured is a bend, or f as it was a tenth
+/// of the way before.
+fn bent(is_late: bool) -> Folder {
+    let folder = Folder::default();
+    folder.write("params.txt", "name lower upper effect off\na 0 1 - -\nb 1 3 - -\nbend 0.05 1 bending 0\n");
+    folder.run("gl-sample -p params.txt -n 40 --effects switch -o samples.txt");
+    let names = folder.texts("samples.txt", "description");
+    let columns = ["a", "b", "bend"].map(|name| folder.column("samples.txt", name));
+    let x = |step: usize| step as f64 / (STEPS - 1) as f64;
+    let truth = if is_late { [0.4, 2.0, 0.0] } else { [0.4, 2.0, 0.3] };
+    let measured = |step: usize, p: f64, place: usize| {
+        let lag = if is_late && place == 1 { 0.1 } else { 0.0 };
+        curve((x(step) - lag).max(0.0), p, truth) + 0.01 * noise(step + 100 * place)
+    };
+    for (name, head, pressures) in
+        [("whole", "x y f", vec![1.0, 2.0]), ("low", "x y", vec![1.0]), ("high", "x f", vec![2.0])]
+    {
+        let (mut obs, mut runs) = (format!("{head}\n"), format!("sample step {head}\n"));
+        let row = |text: &mut String, of: &dyn Fn(f64) -> f64| {
+            pressures.iter().for_each(|p| write!(text, " {}", of(*p)).unwrap());
+            text.push('\n');
+        };
+        for step in 0..STEPS {
+            write!(obs, "{}", x(step)).unwrap();
+            row(&mut obs, &|p| measured(step, p, usize::from(p > 1.0)));
+        }
+        for (run, sample) in names.iter().enumerate() {
+            let at = [0, 1, 2].map(|k: usize| columns[k][run]);
+            for step in 0..STEPS {
+                write!(runs, "{sample} {step} {}", x(step)).unwrap();
+                row(&mut runs, &|p| curve(x(step), p, at));
+            }
+        }
+        folder.write(&format!("{name}.txt"), obs).write(&format!("{name}-runs.txt"), runs);
+    }
+    folder
+}
+
+const CALL: &str = "gl-gap-attribute -p params.txt -s samples.txt";
+const LOW: &str = "--test low:low.txt:x:y:y=0.01";
+const HIGH: &str = "--test high:high.txt:x:f:f=0.01";
+const OUT: [&str; 6] = ["effects-out", "predict-shrink", "posterior-out", "rest-out", "next-out", "verdict"];
+
+/// All that a call writes, with these taken out of it.
+fn told(folder: &Folder, call: &str, names: &[&str]) -> String {
+    let files: String = OUT.iter().fold(String::new(), |text, out| text + &format!(" --{out} {out}.txt"));
+    folder.run(&format!("{call}{files} -o table.txt"));
+    let mut text: String = OUT.iter().map(|out| folder.read(&format!("{out}.txt"))).collect();
+    text += &folder.read("table.txt");
+    names.iter().for_each(|name| text = text.replace(name, ""));
+    text
+}
+
+#[test]
+fn one_test_is_attributed_to_the_byte_as_the_measurement_that_it_is() {
+    let folder = bent(false);
+    let more = "--measurement offset,lag,compliance --self-check 1";
+    let plain = format!("{CALL} -b whole.txt -c x -v y,f --noise y=0.01,f=0.01 {more} whole-runs.txt");
+    let test = format!("{CALL} --test one:whole.txt:x:y,f:y=0.01,f=0.01 {more} one=whole-runs.txt");
+    let plain = told(&folder, &plain, &[]);
+    assert!(plain.contains("compliance+unexplained"));
+    assert_eq!(told(&folder, &test, &["one.", "(one)"]), plain);
+    let part = "-b whole.txt -c x -v y,f --noise y=0.01,f=0.01 --steps 2:12";
+    let part = told(&folder, &format!("{CALL} {part} whole-runs.txt"), &[]);
+    let test = format!("{CALL} --test one:whole.txt:x:y,f:y=0.01,f=0.01:2:12 one=whole-runs.txt");
+    assert_eq!(told(&folder, &test, &["one."]), part);
+}
+
+#[test]
+fn two_tests_of_an_observable_each_are_weighed_to_the_byte_as_one_of_two() {
+    let folder = bent(false);
+    let more = "--measurement offset,gain,drift";
+    let whole = format!("{CALL} -b whole.txt -c x -v y,f --noise y=0.01,f=0.01 {more} whole-runs.txt");
+    let tests = format!("{CALL} {LOW} {HIGH} {more} low=low-runs.txt high=high-runs.txt");
+    let whole = told(&folder, &whole, &[]);
+    assert_eq!(told(&folder, &tests, &["low.", "high."]), whole);
+}
+
+#[test]
+fn an_error_of_the_measurement_acts_in_one_test() {
+    let folder = bent(true);
+    let call = format!("{CALL} {LOW} {HIGH} --measurement gain,lag low=low-runs.txt high=high-runs.txt");
+    folder.run(&format!("{call} --effects-out effects.txt --verdict verdict.txt -o table.txt"));
+    assert_eq!(
+        folder.texts("effects.txt", "effect"),
+        ["bending", "gain(low.y)", "gain(high.f)", "lag(low)", "lag(high)"]
+    );
+    assert_eq!(folder.texts("table.txt", "hypothesis")[0], "lag(high)");
+    assert!(folder.column("table.txt", "probability")[0] > 0.8);
+    let verdicts = Verdicts::read(&folder.path("verdict.txt")).unwrap();
+    assert_eq!(verdicts.find("cause").unwrap().value, "lag(high)");
+}
+
+#[test]
+fn a_sample_that_failed_in_a_test_is_said_and_tables_of_no_test_are_refused() {
+    let folder = bent(false);
+    let name = &folder.texts("samples.txt", "description")[3];
+    let kept: Vec<String> = folder
+        .read("high-runs.txt")
+        .lines()
+        .filter(|line| !line.starts_with(name.as_str()))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    folder.write("fewer.txt", kept.concat());
+    let said = folder.run(&format!("{CALL} {LOW} {HIGH} low=low-runs.txt high=fewer.txt -o table.txt"));
+    assert!(said.contains(&format!("{name} failed in the test high: left out")), "{said}");
+    assert!(said.contains("1 of 40 samples have no run and are left out"), "{said}");
+    for (call, says) in [
+        (format!("{LOW} {HIGH} low=low-runs.txt"), "the test high has no ensemble"),
+        (format!("{LOW} low-runs.txt"), "is not TEST=FILE"),
+        (format!("{LOW} --steps 2:9 low=low-runs.txt"), "with --test each test has its own"),
+        (format!("{LOW} -b low.txt low=low-runs.txt"), "cannot be used with"),
+    ] {
+        folder.refuses(&format!("{CALL} {call}"), &[says]);
+    }
+}
