@@ -4,6 +4,10 @@
 
 use std::fmt::Write as _;
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::SystemTime;
+
 use gl_table::verdict::Verdicts;
 use pipelines::folder::Folder;
 
@@ -135,4 +139,114 @@ fn a_sample_that_failed_in_a_test_is_said_and_tables_of_no_test_are_refused() {
     ] {
         folder.refuses(&format!("{CALL} {call}"), &[says]);
     }
+}
+
+/// A case of this model in the tests `low` and `high`, with a bend in what is measured.
+fn case_of_two_tests() -> Folder {
+    let folder = bent(false);
+    for table in ["params.txt", "low.txt", "high.txt"] {
+        folder.write(&format!("case/{table}"), folder.read(table));
+    }
+    folder.write(
+        "case/case.toml",
+        "name = \"bent\"\ncontrol = \"x\"\nmeasurement = [\"lag\"]\nnum = 16\niterations = 2\ndesign_num = 50\n\
+         max_effects = 1\n\n[model]\n\
+         local = \"awk -f {case}/bent.awk -v a={a} -v b={b} -v c={bend} -v p={p} -v name={description}\"\n\n\
+         [[test]]\nname = \"low\"\nobs = \"low.txt\"\nobservables = [\"y\"]\nnoise = { y = 0.01 }\ngiven = { p = 1 }\n\n\
+         [[test]]\nname = \"high\"\nobs = \"high.txt\"\nobservables = [\"f=y\"]\nnoise = { f = 0.01 }\ngiven = { p = 2 }\n",
+    );
+    // Where b and p are large the run breaks off.
+    folder.write(
+        "case/bent.awk",
+        "BEGIN { if (b * p > 5.9) exit 1; CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
+         for (i = 0; i < 16; i++) { x = i / 15; print x \"\\t\" a + b * x * p + c * x * x * p * p > file } }\n",
+    );
+    folder
+}
+
+/// When each file below a folder was written.
+fn times(folder: &Folder, out: &str) -> BTreeMap<PathBuf, SystemTime> {
+    let files = folder.files().into_keys().filter(|file| file.starts_with(out) && !file.ends_with(".lock"));
+    let time = |file: &PathBuf| std::fs::metadata(folder.path("").join(file)).unwrap().modified().unwrap();
+    files.map(|file| (file.clone(), time(&file))).collect()
+}
+
+#[test]
+fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_each() {
+    let folder = case_of_two_tests();
+    let said = folder.run("gl-check case");
+    assert!(
+        said.contains(
+            "a diagnosis takes two calibrations and 50 runs more: 114 at the most, each in 2 tests"
+        )
+    );
+    folder.run("gl-diagnose case --out out");
+    assert_eq!(folder.texts("out/attribution.txt", "hypothesis")[0], "bending");
+    assert_eq!(folder.texts("out/effects.txt", "effect"), ["bending", "lag(low)", "lag(high)"]);
+    assert_eq!(folder.read("out/winner.txt"), "bending\n");
+    let observables = folder.texts("out/locate.txt", "observable");
+    assert!(observables.contains(&"low.y".to_owned()) && observables.contains(&"high.f".to_owned()));
+    assert_eq!(folder.texts("out/shrink.txt", "observable"), ["low.y", "high.f", "all"]);
+    assert!(folder.column("out/shrink.txt", "shrink")[2] > 0.9);
+    // A row for each sample and test, which fails alone, and is left out of what is made of all.
+    for (test, p) in [("low", 1.0), ("high", 2.0)] {
+        let given = folder.column(&format!("out/design/round0/{test}/samples.txt"), "p");
+        assert!(given.iter().all(|value| *value == p));
+        assert!(folder.path(&format!("out/after-bending/ensemble-{test}.txt")).is_file());
+    }
+    let failed = |test: &str| {
+        let status = folder.texts(&format!("out/base/iter0/{test}/status.txt"), "status");
+        status.iter().filter(|status| *status != "ok").count()
+    };
+    assert_eq!(failed("low"), 0);
+    assert!(failed("high") > 0);
+    assert!(folder.read("out/locate.log").contains("failed in the test high: left out"));
+    let page = folder.read("out/report.html");
+    for words in ["In low. The gap over", "In high. The gap over", "In high. The emulator behind it"] {
+        assert!(page.contains(words), "{words}");
+    }
+}
+
+#[test]
+fn a_diagnosis_of_tests_that_is_called_again_does_nothing_and_takes_kept_runs() {
+    let folder = case_of_two_tests();
+    folder.run("gl-diagnose case --out out");
+    let before = times(&folder, "out");
+    folder.run("gl-diagnose case --out out");
+    assert!(before == times(&folder, "out"), "what is done is not done again");
+    let attribution = folder.read("out/attribution.txt");
+    let made = before.keys().filter(|file| {
+        file.ends_with("attribution.txt") || file.to_str().unwrap().ends_with("design/ensemble-high.txt")
+    });
+    made.for_each(|file| std::fs::remove_file(folder.path("").join(file)).unwrap());
+    folder.run("gl-diagnose case --out out");
+    assert_eq!(folder.read("out/attribution.txt"), attribution);
+    let is_run = |file: &PathBuf| file.to_str().unwrap().ends_with("_sim.txt");
+    let after = times(&folder, "out");
+    assert!(before.iter().all(|(file, time)| !is_run(file) || after[file] == *time));
+    // All runs in one file, by which no model is needed.
+    let mut packed = String::new();
+    for dir in
+        before.keys().filter(|file| file.ends_with(".run") || is_run(file)).filter_map(|file| file.parent())
+    {
+        let dir = if dir.ends_with("runs") { dir } else { continue };
+        if !folder.path("").join(dir).join("packed").exists() {
+            std::fs::write(folder.path("").join(dir).join("packed"), "").unwrap();
+            folder.run(&format!("gl-run pack {}", dir.display()));
+        }
+    }
+    for (file, bytes) in folder.files() {
+        if file.to_str().unwrap().ends_with("_packed.txt") {
+            packed += &String::from_utf8(bytes).unwrap();
+        }
+    }
+    folder.write("case/kept.txt", packed);
+    let case = folder.read("case/case.toml");
+    folder.write("case/case.toml", format!("kept = \"kept.txt\"\n{case}"));
+    std::fs::remove_file(folder.path("case/bent.awk")).unwrap();
+    let said = folder.run("gl-diagnose case --out kept");
+    assert!(said.contains("runs are not made but taken from"), "{said}");
+    assert_eq!(folder.read("kept/attribution.txt"), attribution);
+    folder.write("case/case.toml", format!("kept = \"kept.txt\"\n{}", case.replace("p = 2", "p = 1")));
+    folder.refuses("gl-check case", &["kept: kept runs of low and of high cannot be told apart"]);
 }

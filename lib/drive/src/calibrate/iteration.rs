@@ -9,7 +9,7 @@ use gl_inference::samples::Samples;
 use gl_inference::summary::enough_runs;
 
 use super::emulated;
-use crate::columns::{comparison, list, simulated, varied_in};
+use crate::columns::{comparison, list, simulated, varied_in, within};
 use crate::step::{Call, Messages, Runner, is_current, make_folder, write};
 
 /// What all iterations of a calibration have in common.
@@ -38,7 +38,7 @@ impl Setting<'_> {
 
     /// The folder of a test in that of an iteration; the same where the case is one test.
     pub(crate) fn folder_of(&self, i: usize, test: &Test) -> PathBuf {
-        if test.name.is_empty() { self.folder(i) } else { self.folder(i).join(&test.name) }
+        within(&self.folder(i), test)
     }
 }
 
@@ -171,14 +171,7 @@ impl<'a> Iteration<'a> {
         if is_current(&own, &inputs)? {
             return Ok(());
         }
-        let mut samples = Samples::read(&all)?;
-        // A simulator that takes the whole table has it in its command.
-        if self.setting.runs.is_none_or(|(engine, _)| engine != Engine::Embedded) {
-            samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
-            let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
-            samples.values.iter_mut().for_each(|row| row.extend(&values));
-        }
-        samples.write(Some(&own), self.setting.case.threads)
+        give(&all, test, self.setting.runs.map(|(engine, _)| engine), self.setting.case.threads, &own)
     }
 
     /// How far each run is from the measurement.
@@ -275,6 +268,27 @@ impl<'a> Iteration<'a> {
     pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
         (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
     }
+}
+
+/// Write the samples of a test: those of a table, with what is given of the test.
+///
+/// # Errors
+/// If the table cannot be read, or the other one not written.
+pub(crate) fn give(
+    all: &Path,
+    test: &Test,
+    engine: Option<Engine>,
+    threads: Option<usize>,
+    own: &Path,
+) -> Result<()> {
+    let mut samples = Samples::read(all)?;
+    // A simulator that takes the whole table has it in its command.
+    if engine != Some(Engine::Embedded) {
+        samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
+        let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
+        samples.values.iter_mut().for_each(|row| row.extend(&values));
+    }
+    samples.write(Some(own), threads)
 }
 
 /// Run the samples of a table: false where they are in a queue, and `wait` is not set.
