@@ -28,14 +28,21 @@ pub struct Test {
 }
 
 impl Test {
-    fn new(name: &str, observations: &Observations, control: &[f64], before: Option<&Self>) -> Self {
+    /// A test of so many observables, behind those of the tests before it.
+    ///
+    /// * `control` — its name and its values, shape (steps,).
+    pub fn new(
+        name: &str,
+        (control_name, control): (&str, &[f64]),
+        observables: usize,
+        before: Option<&Self>,
+    ) -> Self {
         let path = Path::new(control);
         let places = path.places();
         let first = before.map_or((0, 0), |before| (before.observables.end, before.readings.end));
-        let observables = observations.names.len();
         Self {
             name: name.to_owned(),
-            control_name: observations.control_name.clone(),
+            control_name: control_name.to_owned(),
             observables: first.0..first.0 + observables,
             readings: first.1..first.1 + observables * control.len(),
             smooth: Smooth::new(&places),
@@ -46,15 +53,17 @@ impl Test {
 
     /// The one test of a measurement.
     pub fn of(observations: &Observations) -> Vec<Self> {
-        vec![Self::new("", observations, &observations.control, None)]
+        let control = (observations.control_name.as_str(), observations.control.as_slice());
+        vec![Self::new("", control, observations.names.len(), None)]
     }
 
     /// The tests of a stack.
     pub fn of_stack(stack: &Stack) -> Vec<Self> {
         let mut tests: Vec<Self> = Vec::with_capacity(stack.tests.len());
         for test in &stack.tests {
-            let control = &test.observations.control[test.steps.clone()];
-            tests.push(Self::new(&test.name, &test.observations, control, tests.last()));
+            let Observations { control_name, control, names, .. } = &test.observations;
+            let control = (control_name.as_str(), &control[test.steps.clone()]);
+            tests.push(Self::new(&test.name, control, names.len(), tests.last()));
         }
         tests
     }
