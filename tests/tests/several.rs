@@ -284,8 +284,6 @@ fn one_iteration_takes_the_runs_of_each_test_from_a_folder_of_its_name() {
 fn a_case_of_tests_is_refused_where_it_makes_no_sense() {
     let folder = case_of_two_tests();
     let whole = folder.read("case/case.toml");
-    let diagnosis = "case.toml:10: a diagnosis takes one measurement";
-    folder.refuses("gl-diagnose case --out dx", &[diagnosis]);
     folder.refuses("gl-check case noise=y=1", &["noise=y=1: with [[test]] each test has its own"]);
     folder.refuses("gl-check case test=one", &["test belongs to the case"]);
     for (what, with, says) in [

@@ -1,6 +1,6 @@
 //! What was measured, on the command line: one test, or several.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -178,12 +178,38 @@ pub fn ensembles_and_weights(text: &str) -> Result<(Vec<PathBuf>, PathBuf)> {
     let (ensembles, weights) = text.rsplit_once(',').with_context(|| {
         format!("{text:?} is not ENSEMBLE,WEIGHTS, or NAME=ENSEMBLE,…,WEIGHTS with --test")
     })?;
-    let is_of_test = |part: &str| part.parse::<OfTest>().is_ok();
-    // A file may have a comma in its name; tests have one a table.
-    let ensembles = if ensembles.split(',').all(is_of_test) {
-        ensembles.split(',').map(PathBuf::from).collect()
-    } else {
-        vec![Path::new(ensembles).to_owned()]
-    };
-    Ok((ensembles, weights.into()))
+    // A file may have a comma in its name; that of a test begins with the name of the test.
+    let mut files: Vec<String> = Vec::new();
+    for part in ensembles.split(',') {
+        match files.last_mut() {
+            Some(file) if part.parse::<OfTest>().is_err() => *file += &format!(",{part}"),
+            _ => files.push(part.to_owned()),
+        }
+    }
+    if files[0].parse::<OfTest>().is_err() {
+        files = vec![ensembles.to_owned()];
+    }
+    Ok((files.into_iter().map(PathBuf::from).collect(), weights.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn a_comma_in_the_name_of_a_file_ends_it_only_before_another_test() {
+        for (text, files) in [
+            ("runs.txt,w.txt", vec!["runs.txt"]),
+            ("a,b.txt,w.txt", vec!["a,b.txt"]),
+            ("one=a.txt,two=b.txt,w.txt", vec!["one=a.txt", "two=b.txt"]),
+            ("one=a,b/c.txt,two=a,b/d.txt,w.txt", vec!["one=a,b/c.txt", "two=a,b/d.txt"]),
+        ] {
+            let (ensembles, weights) = ensembles_and_weights(text).unwrap();
+            assert_eq!(ensembles, files.into_iter().map(PathBuf::from).collect::<Vec<_>>(), "{text}");
+            assert_eq!(weights, PathBuf::from("w.txt"));
+        }
+        assert!(ensembles_and_weights("runs.txt").is_err());
+    }
 }

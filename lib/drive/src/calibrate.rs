@@ -49,7 +49,7 @@ pub fn from_one(text: &str) -> Result<usize> {
 /// `posterior.txt` with what these say, and `posterior-runs-weights.txt` and `posterior-runs.txt` with the same of
 /// the real runs alone.
 ///
-/// * `known` — a folder with `samples.txt` and `ensemble.txt` of runs that are there already.
+/// * `known` — a folder with `samples.txt` and the ensemble of each test of runs that are there already.
 ///
 /// # Errors
 /// If the case is wrong, or a step fails.
@@ -109,13 +109,13 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
 fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
     let Setting { case, out, .. } = *setting;
-    for test in &case.tests {
+    for (t, test) in case.tests.iter().enumerate() {
         let (within, name) = match test.name.as_str() {
             "" => (PathBuf::new(), "ensemble.txt".to_owned()),
             name => (PathBuf::from(name), format!("ensemble-{name}.txt")),
         };
         let of = |i| out.join(format!("iter{i}")).join(&within).join("ensemble.txt");
-        let known = setting.known.iter().map(|known| known.ensemble.clone());
+        let known = setting.known.iter().map(|known| known.ensembles[t].clone());
         let ensembles: Vec<PathBuf> = known.chain((0..=last).map(of)).collect();
         let whole = out.join(".ensemble.txt");
         join(&ensembles, &whole, None)?;

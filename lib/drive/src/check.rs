@@ -221,6 +221,19 @@ fn check_model_of_tests(case: &Case, engine: Engine, prior: &Prior) -> Result<()
             case.places.of_setting("test")
         );
     }
+    // Kept runs are taken by their parameters, which are all that a table of samples says.
+    let same = (0..case.tests.len()).find_map(|i| {
+        let is_same = |other: &&Test| engine == Engine::Embedded || other.given == case.tests[i].given;
+        let other = case.tests[..i].iter().find(is_same)?;
+        Some((&other.name, &case.tests[i].name))
+    });
+    if let (Some(_), Some((one, other))) = (&case.kept, same) {
+        bail!(
+            "{}: kept runs of {one} and of {other} cannot be told apart; give each test a column of its own, such as \
+             given = {{ test = 1 }}, and a model by local or yade-batch",
+            place(case, "kept")
+        );
+    }
     case.tests.iter().try_for_each(|test| {
         let model = case.model_of(test, engine)?;
         check_model(case, engine, &model, prior, test).with_context(|| format!("test {}", test.name))

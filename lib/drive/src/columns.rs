@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_case::{Case, Posterior, Test};
@@ -6,6 +6,7 @@ use gl_inference::design::{batch_runs, first_runs};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 
+use crate::calibrate::emulated::of_test_or_none;
 use crate::step::Call;
 
 /// What is compared with what, as all tools take it: `-b OBS -c CONTROL -v OBSERVABLES`, and the noise.
@@ -22,23 +23,52 @@ pub(crate) fn all_tests(call: Call, case: &Case) -> Call {
     if !case.has_tests() {
         return comparison(call, &case.tests[0]);
     }
-    let call = case.tests.iter().fold(call, |call, test| {
-        let noise = by_name(&test.noise).unwrap_or_default();
-        let columns = test.observable_names().join(",");
-        let mut word = std::ffi::OsString::from(format!("{}:", test.name));
-        word.push(&test.obs);
-        word.push(format!(":{}:{columns}:{noise}", test.control.measured));
-        if let Some(steps) = &test.steps {
-            word.push(format!(":{steps}"));
-        }
-        call.flag("--test", word)
-    });
+    let call = measured(call, case, Which::Compared);
     let weights: Vec<(String, f64)> = case
         .tests
         .iter()
         .flat_map(|test| test.weights.iter().map(|(name, weight)| (test.named(name), *weight)))
         .collect();
     call.option("--scale", case.tests[0].scale.as_ref()).option("--weights", by_name(&weights))
+}
+
+/// Which steps of a measurement are looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Which {
+    /// All of them.
+    All,
+    /// Those that calibration sees.
+    Compared,
+}
+
+/// The measurement of a case: `-b -c -v` and the noise of a single one, else `--test` for each.
+pub(crate) fn measured(call: Call, case: &Case, which: Which) -> Call {
+    let steps = |test: &Test| test.steps.clone().filter(|_| which == Which::Compared);
+    if !case.has_tests() {
+        return measurement(call, &case.tests[0]).option("--steps", steps(&case.tests[0]));
+    }
+    case.tests.iter().fold(call, |call, test| {
+        let noise = by_name(&test.noise).unwrap_or_default();
+        let columns = test.observable_names().join(",");
+        let mut word = std::ffi::OsString::from(format!("{}:", test.name));
+        word.push(&test.obs);
+        word.push(format!(":{}:{columns}:{noise}", test.control.measured));
+        if let Some(steps) = steps(test) {
+            word.push(format!(":{steps}"));
+        }
+        call.flag("--test", word)
+    })
+}
+
+/// The ensemble of each test in a folder, as tools take them.
+pub(crate) fn ensembles(case: &Case, folder: &Path) -> Vec<std::ffi::OsString> {
+    let of = |test: &Test| of_test(test, &folder.join(of_test_or_none("ensemble", test, "")));
+    case.tests.iter().map(of).collect()
+}
+
+/// The folder of a test in another; the same where the case is one test.
+pub(crate) fn within(folder: &Path, test: &Test) -> PathBuf {
+    if test.name.is_empty() { folder.to_owned() } else { folder.join(&test.name) }
 }
 
 /// A table of a test, as tools take it: `NAME=FILE` where tests have names.

@@ -9,9 +9,10 @@ const RUNS_WEIGHTS: &str = "posterior-runs-weights.txt";
 /// The prior with the bounds that the design has gone beyond, in the folder of the diagnosis.
 const WIDER_PRIOR: &str = "wider-params.txt";
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use gl_case::{Case, Engine, Posterior};
 use gl_gap::attribute::winner::winning_effects;
 use gl_inference::prior::Prior;
@@ -21,7 +22,7 @@ use crate::Progress;
 use crate::arguments::Request;
 use crate::calibrate::alone;
 use crate::check;
-use crate::columns::measurement;
+use crate::columns::{Which, ensembles, measured};
 use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};
 
 /// What all steps of a diagnosis have in common.
@@ -43,12 +44,6 @@ pub(crate) struct Diagnosis<'a> {
 /// If the case is wrong, or a step fails.
 pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
-    ensure!(
-        !case.has_tests(),
-        "{}: a diagnosis takes one measurement, and this case has [[test]]; gl-calibrate takes all tests, gl-gap-locate \
-         says where they miss, and a case of each test by itself can be diagnosed",
-        case.places.of_setting("test")
-    );
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
@@ -88,7 +83,10 @@ impl Diagnosis<'_> {
 
     /// What the settings are made from.
     pub(crate) fn inputs(&self) -> Vec<PathBuf> {
-        vec![self.case.params(), self.case.tests[0].obs.clone(), self.case.file(), self.settings.clone()]
+        let mut inputs = vec![self.case.params()];
+        inputs.extend(self.case.tests.iter().map(|test| test.obs.clone()));
+        inputs.extend([self.case.file(), self.settings.clone()]);
+        inputs
     }
 
     /// Calibrate into a folder, with other effects in if some are named.
@@ -149,11 +147,11 @@ impl Diagnosis<'_> {
         if is_current(&table, &[base.join("posterior.txt")])? {
             return Ok(());
         }
-        let call = measurement(Call::new("gl-gap-locate"), &self.case.tests[0])
+        let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
             .flag("-w", base.join(RUNS_WEIGHTS))
             .verdict(&self.file("locate-verdict.txt"))
             .flag("-o", &table)
-            .arg(base.join("ensemble.txt"));
+            .args(ensembles(self.case, base));
         self.must(&call, "locate.log")
     }
 
@@ -181,14 +179,16 @@ impl Diagnosis<'_> {
         if is_current(&table, &inputs)? {
             return Ok(Progress::Finished);
         }
-        let both = |folder: &Path| {
-            format!("{},{}", folder.join("ensemble.txt").display(), folder.join(RUNS_WEIGHTS).display())
+        let tables = |folder: &Path| {
+            let mut tables = ensembles(self.case, folder);
+            tables.push(folder.join(RUNS_WEIGHTS).into());
+            tables.join(OsStr::new(","))
         };
-        let call = measurement(Call::new("gl-gap-shrink"), &self.case.tests[0])
+        let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
-            .flag("--before", both(&base))
-            .flag("--after", both(&after));
-        if let Some(steps) = &self.case.tests[0].steps {
+            .flag("--before", tables(&base))
+            .flag("--after", tables(&after));
+        if let Some(steps) = self.case.tests[0].steps.as_ref().filter(|_| !self.case.has_tests()) {
             let unseen = call
                 .clone()
                 .flag("--calibrated", steps)

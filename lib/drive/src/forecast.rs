@@ -46,6 +46,10 @@ impl Plan<'_> {
         2 * self.calibration() + runs_of_design(self.case, self.prior)
     }
 
+    fn tests(&self) -> Vec<&str> {
+        self.case.tests.iter().map(|test| test.name.as_str()).collect()
+    }
+
     /// How many runs it will be, and how long they take by those that are there.
     ///
     /// # Errors
@@ -62,20 +66,21 @@ impl Plan<'_> {
                 counted(num, "run"),
                 counted(self.case.iterations, "iteration"),
                 counted(most, "run"),
-                match self.case.tests.len() {
-                    1 => String::new(),
-                    tests => format!(", each in {tests} tests"),
-                }
+                in_tests(self.case)
             ),
         );
         let has_effects = !self.prior.effects().is_empty();
         if has_effects {
             let design = runs_of_design(self.case, self.prior);
-            let text =
-                format!("a diagnosis takes two calibrations and {design} runs more: {all} at the most");
+            let text = format!(
+                "a diagnosis takes two calibrations and {design} runs more: {all} at the most{}",
+                in_tests(self.case)
+            );
             verdicts.add("runs-diagnosis", all, text);
         }
-        if let Some(measured) = measured(out)?.or(measured(&diagnosis.join("base"))?) {
+        if let Some(measured) =
+            measured(out, &self.tests())?.or(measured(&diagnosis.join("base"), &self.tests())?)
+        {
             let each = measured.seconds / f64::from(measured.runs);
             let of_all = if has_effects {
                 format!(", {} for {all}", duration(each * all as f64))
@@ -105,7 +110,7 @@ impl Plan<'_> {
         let readings = self.observations.iter().map(of).sum::<usize>() as u64;
         // In its own file, in the ensemble, and in what is made of it.
         let guessed = FILES * self.observations.len() as u64 + 4 * NUMBER * readings;
-        let each = measured(out)?.map_or(guessed, |measured| {
+        let each = measured(out, &self.tests())?.map_or(guessed, |measured| {
             (measured.bytes / u64::from(measured.runs)).max(FILES) + 3 * NUMBER * readings
         });
         let needed = each * runs as u64;
@@ -127,17 +132,26 @@ impl Plan<'_> {
     }
 }
 
-/// What the complete iterations of a calibration took, if there are any.
-fn measured(out: &Path) -> Result<Option<Measured>> {
+/// `, each in 3 tests`, if there are several.
+fn in_tests(case: &Case) -> String {
+    match case.tests.len() {
+        1 => String::new(),
+        tests => format!(", each in {tests} tests"),
+    }
+}
+
+/// What the complete iterations of a calibration took, if there are any: a sample in all tests, of these names, is a run.
+fn measured(out: &Path, tests: &[&str]) -> Result<Option<Measured>> {
     let mut measured = Measured::default();
     for i in 0.. {
         let folder = out.join(format!("iter{i}"));
         let Ok(begun) = fs::metadata(folder.join("samples.txt")).and_then(|file| file.modified()) else {
             break;
         };
-        let Ok(entries) = fs::read_dir(folder.join("runs")) else { break };
+        let runs = tests.iter().map(|test| fs::read_dir(folder.join(test).join("runs")));
+        let Ok(runs) = runs.collect::<std::io::Result<Vec<_>>>() else { break };
         let mut last = begun;
-        for entry in entries {
+        for entry in runs.into_iter().flatten() {
             let entry = entry?;
             let file = entry.metadata()?;
             measured.bytes += file.len();
@@ -148,6 +162,7 @@ fn measured(out: &Path) -> Result<Option<Measured>> {
         }
         measured.seconds += last.duration_since(begun).map_or(0.0, |time| time.as_secs_f64());
     }
+    measured.runs /= tests.len() as u32;
     Ok((measured.runs > 0).then_some(measured))
 }
 
@@ -176,7 +191,7 @@ mod tests {
     #[test]
     fn the_time_of_a_run_is_measured_from_its_samples_on() {
         let out = tempfile::tempdir().unwrap();
-        assert_eq!(measured(out.path()).unwrap(), None);
+        assert_eq!(measured(out.path(), &[""]).unwrap(), None);
         let folder = out.path().join("iter0");
         fs::create_dir_all(folder.join("runs")).unwrap();
         let begun = SystemTime::UNIX_EPOCH;
@@ -189,7 +204,17 @@ mod tests {
         write("runs/a_sim.txt", 14);
         write("runs/a_param.txt", 13);
         write("runs/b_sim.txt", 16);
-        let found = measured(out.path()).unwrap().unwrap();
+        let found = measured(out.path(), &[""]).unwrap().unwrap();
         assert_eq!(found, Measured { runs: 2, seconds: 6.0, bytes: 12 });
+        // Each sample once more, in a test of its own.
+        for test in ["one", "two"] {
+            fs::create_dir_all(folder.join(test)).unwrap();
+            fs::rename(folder.join("runs"), folder.join(test).join("runs")).unwrap();
+            fs::create_dir_all(folder.join("runs")).unwrap();
+            write("runs/a_sim.txt", 24);
+            write("runs/b_sim.txt", 26);
+        }
+        let found = measured(out.path(), &["one", "two"]).unwrap().unwrap();
+        assert_eq!(found, Measured { runs: 2, seconds: 16.0, bytes: 20 });
     }
 }

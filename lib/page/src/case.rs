@@ -44,6 +44,36 @@ pub struct Case {
     pub given: Vec<String>,
 }
 
+/// One measurement.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Name of its test; empty where there is no other.
+    pub name: String,
+    /// Its table.
+    pub obs: PathBuf,
+    /// Name of its control.
+    pub control: String,
+    /// Names of its observables, with commas.
+    pub observables: String,
+    /// `NAME=SD,…`, or nothing where it is estimated.
+    pub noise: String,
+}
+
+impl Measured {
+    /// The runs of it in a folder.
+    pub fn ensemble(&self, folder: &Path) -> PathBuf {
+        folder.join(match self.name.as_str() {
+            "" => "ensemble.txt".to_owned(),
+            name => format!("ensemble-{name}.txt"),
+        })
+    }
+
+    /// A caption that names the test, if there are others.
+    pub fn captioned(&self, caption: &str) -> String {
+        if self.name.is_empty() { caption.to_owned() } else { format!("In {}. {caption}", self.name) }
+    }
+}
+
 impl Case {
     /// Read the case, with the settings that `out` was made with, and those in `given`.
     ///
@@ -101,6 +131,28 @@ impl Case {
             return vec![self.obs.clone()];
         }
         self.tests.iter().map(|test| test.obs.clone()).collect()
+    }
+
+    /// The measurement of each test; the one that there is where the case has no several.
+    pub fn measured(&self) -> Vec<Measured> {
+        let one = || Measured {
+            name: String::new(),
+            obs: self.obs.clone(),
+            control: self.control.clone(),
+            observables: self.observables.join(","),
+            noise: self.noise.clone(),
+        };
+        if self.tests.is_empty() {
+            return vec![one()];
+        }
+        let of = |test: &Test| Measured {
+            name: test.name.clone(),
+            obs: test.obs.clone(),
+            control: test.control.measured.clone(),
+            observables: test.observable_names().join(","),
+            noise: by_name(&test.noise),
+        };
+        self.tests.iter().map(of).collect()
     }
 
     /// A call with the runs in a folder: one ensemble, or that of each test.

@@ -94,7 +94,7 @@ struct Stage {
 #[derive(Debug, Serialize)]
 struct Gap {
     verdict: Vec<Sentence>,
-    picture: Picture,
+    pictures: Vec<Picture>,
     stretches: Grid,
 }
 
@@ -106,7 +106,7 @@ struct Cause {
     hypotheses: usize,
     first: Grid,
     effects: Grid,
-    emulator: Picture,
+    emulators: Vec<Picture>,
 }
 
 #[derive(Debug, Serialize)]
@@ -318,11 +318,11 @@ impl Gap {
         if let Some(after) = after {
             let call = case.columns(Call::new("gl-gap-locate"));
             let call = call.file("-w", &after.weights_of_runs()).file("-o", &located);
-            call.with([after.file("ensemble.txt").display().to_string()]).output()?;
+            case.ensembles(call, &after.folder).output()?;
         }
         Ok(Some(Self {
             verdict: verdict::read(&out.join("locate-verdict.txt"))?,
-            picture: pictures::gap(case, &table, base, after.map(|after| (located.as_path(), after)))?,
+            pictures: pictures::gaps(case, &table, base, after.map(|after| (located.as_path(), after)))?,
             stretches: Grid::read(&table, usize::MAX)?.only("significant", "yes").without("significant"),
         }))
     }
@@ -335,17 +335,6 @@ impl Cause {
             return Ok(None);
         }
         let design = out.join("design");
-        let work = tempfile::tempdir()?;
-        let left_out = work.path().join("left-out.txt");
-        let call = Call::new("gl-emulate")
-            .file("-p", &design.join("params.txt"))
-            .file("-s", &design.join("samples.txt"))
-            .option("-c", &case.control)
-            .option("-v", &case.observables.join(","))
-            .with(["--leave-one-out"])
-            .file("-o", &left_out);
-        let runs = design.join("ensemble.txt");
-        call.with([runs.display().to_string()]).output()?;
         Ok(Some(Self {
             verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
             picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
@@ -353,7 +342,11 @@ impl Cause {
             hypotheses: rows(&hypotheses)?,
             first: Grid::read(&hypotheses, MOST_HYPOTHESES)?,
             effects: Grid::read(&out.join("effects.txt"), usize::MAX)?,
-            emulator: pictures::emulator(case, &runs, &left_out)?,
+            emulators: case
+                .measured()
+                .iter()
+                .map(|of| pictures::emulator(case, of, &design))
+                .collect::<Result<_>>()?,
         }))
     }
 }

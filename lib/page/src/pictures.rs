@@ -1,12 +1,15 @@
 //! The pictures of a page, as gl-plot draws them.
 
-use std::path::Path;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_inference::weights::Weights;
+use gl_table::{Table, TableWriter};
 use serde::Serialize;
 
 use crate::calibration::Calibration;
-use crate::case::Case;
+use crate::case::{Case, Measured};
 use crate::tools::Call;
 
 /// A picture with what stands below it.
@@ -108,31 +111,69 @@ impl Calibration {
     }
 }
 
-/// The gap along the measurement, before and after.
+/// The gap along the measurement of each test, before and after.
 ///
 /// # Errors
 /// If gl-plot fails.
-pub fn gap(
+pub fn gaps(
     case: &Case,
     located: &Path,
     base: &Calibration,
     after: Option<(&Path, &Calibration)>,
-) -> Result<Picture> {
-    let mut call = case.control_and_noise(Call::new("gl-plot").with(["gap"]));
-    call = call
-        .option("--units", &case.units)
-        .file("-e", &base.file("ensemble.txt"))
-        .file("-w", &base.weights_of_runs());
-    if let Some((located, after)) = after {
+) -> Result<Vec<Picture>> {
+    let work = tempfile::tempdir()?;
+    let gap = |of: &Measured| {
+        let own = |what: &str| work.path().join(format!("{what}-{}.txt", of.name));
+        let stretches = |located: &Path, what: &str| -> Result<PathBuf> {
+            if of.name.is_empty() {
+                return Ok(located.to_owned());
+            }
+            let is_own = |name: &str| name.strip_prefix(&of.name)?.strip_prefix('.').map(str::to_owned);
+            part(located, "observable", is_own, own(what))
+        };
+        // A sample that failed in another test has no weight.
+        let runs = |of_stage: &Calibration, what: &str| -> Result<PathBuf> {
+            let all = of.ensemble(&of_stage.folder);
+            if of.name.is_empty() {
+                return Ok(all);
+            }
+            let weights = Weights::read(&of_stage.weights_of_runs())?;
+            let weighed: HashSet<&str> = weights.samples.iter().map(String::as_str).collect();
+            part(&all, "sample", |name| weighed.contains(name).then(|| name.to_owned()), own(what))
+        };
+        let mut call = Call::new("gl-plot").with(["gap"]).file("-b", &of.obs).option("-c", &of.control);
         call = call
-            .file("--after", located)
-            .file("--after-ensemble", &after.file("ensemble.txt"))
-            .file("--after-weights", &after.weights_of_runs());
+            .option("--noise", &of.noise)
+            .option("--units", &case.units)
+            .file("-e", &runs(base, "base")?)
+            .file("-w", &base.weights_of_runs());
+        if let Some((located, after)) = after {
+            call = call
+                .file("--after", &stretches(located, "stretches-after")?)
+                .file("--after-ensemble", &runs(after, "after")?)
+                .file("--after-weights", &after.weights_of_runs());
+        }
+        let caption = "The gap over its standard deviation along the measurement; stretches that stand out are shaded, with their share of it.";
+        draw(of.captioned(caption), call.with([stretches(located, "stretches")?.display().to_string()]))
+    };
+    case.measured().iter().map(gap).collect()
+}
+
+/// The rows of a table that are kept by the text in a column, with the text that stands there then.
+fn part(table: &Path, column: &str, keep: impl Fn(&str) -> Option<String>, own: PathBuf) -> Result<PathBuf> {
+    let table = Table::read(table)?;
+    let place = table.format().column(column)?;
+    let columns = table.format().columns();
+    let mut writer = TableWriter::create(Some(&own), columns)?;
+    for row in 0..table.len() {
+        let Some(text) = keep(table.field(row, place)) else { continue };
+        for column in 0..columns.len() {
+            writer.text(if column == place { &text } else { table.field(row, column) });
+        }
+        writer.end_row()?;
     }
-    draw(
-        "The gap over its standard deviation along the measurement; stretches that stand out are shaded, with their share of it.",
-        call.with([located.display().to_string()]),
-    )
+    writer.finish()?;
+    Ok(own)
 }
 
 /// How probable each hypothesis and each effect is.
@@ -144,20 +185,23 @@ pub fn attribution(effects: &Path, hypotheses: &Path) -> Result<Picture> {
     draw("How probable each hypothesis and each effect is.", call.with([hypotheses.display().to_string()]))
 }
 
-/// The emulator against the runs of a design.
+/// The emulator of a test against the runs of a design.
 ///
 /// # Errors
-/// If gl-plot fails.
-pub fn emulator(case: &Case, runs: &Path, left_out: &Path) -> Result<Picture> {
-    let call = Call::new("gl-plot").with(["emulator"]);
-    let call = call
-        .option("-c", &case.control)
-        .option("-v", &case.observables.join(","))
-        .option("--units", &case.units)
-        .file("-e", runs);
+/// If gl-emulate or gl-plot fails.
+pub fn emulator(case: &Case, of: &Measured, design: &Path) -> Result<Picture> {
+    let work = tempfile::tempdir()?;
+    let (runs, left_out) = (of.ensemble(design), work.path().join("left-out.txt"));
+    let columns = |call: Call| call.option("-c", &of.control).option("-v", &of.observables);
+    let call = Call::new("gl-emulate")
+        .file("-p", &design.join("params.txt"))
+        .file("-s", &design.join("samples.txt"));
+    let call = columns(call).with(["--leave-one-out"]).file("-o", &left_out);
+    call.with([runs.display().to_string()]).output()?;
+    let call = columns(Call::new("gl-plot").with(["emulator"])).option("--units", &case.units);
     draw(
-        "The emulator behind it: each run of the design, predicted from all the others.",
-        call.with([left_out.display().to_string()]),
+        of.captioned("The emulator behind it: each run of the design, predicted from all the others."),
+        call.file("-e", &runs).with([left_out.display().to_string()]),
     )
 }
 

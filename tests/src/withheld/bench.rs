@@ -1,13 +1,15 @@
 //! The worlds that cases are drawn from, and what is called known about them beforehand.
 
 use anyhow::{Context, Result, ensure};
+use gl_gap::attribute::test::Test;
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::prior::{Effect, Parameter, Prior, Scale};
 use gl_inference::samples::{Samples, sample_names};
 use gl_numeric::sequence::Method;
-use gl_world::{self as world, World};
+use gl_world::{self as world, Input, Triaxial, World};
+use nalgebra::DMatrix;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -26,6 +28,10 @@ pub struct Bench {
     /// Effects that belong to the rig, and are no effects of the simulation where those of the
     /// measurement are candidates.
     pub of_the_rig: &'static [&'static str],
+    /// Names of the tests, each of as many observables; one without a name where there is one.
+    tests: &'static [&'static str],
+    /// Whether effects of the measurement are candidates in some cases.
+    pub has_rig: bool,
     /// How many of the observables are measured.
     observables: usize,
     /// Steps of the world's path that are.
@@ -36,7 +42,7 @@ pub struct Bench {
 const IDLE: &str = "idle";
 
 /// Names of the benches.
-pub const NAMES: [&str; 2] = ["contact", "triaxial"];
+pub const NAMES: [&str; 4] = ["contact", "triaxial", "triaxial-one", "triaxial-three"];
 
 /// name, lower, upper, scale, effect (absent at 0)
 type Row = (&'static str, f64, f64, Scale, Option<&'static str>);
@@ -70,10 +76,13 @@ impl Bench {
     /// # Errors
     /// If there is none of that name.
     pub fn named(name: &str) -> Result<Self> {
-        type Known = (&'static str, &'static str, &'static [Row], &'static [&'static str]);
+        type Known = (&'static str, Box<dyn World>, &'static [Row], &'static [&'static str]);
+        let world = |name: &str| world::named(name).context("no such world");
         let (name, world, rows, of_the_rig): Known = match name {
-            "contact" => ("contact", "contact-cycles", &CONTACT, &["compliance", "offset"]),
-            "triaxial" => ("triaxial", "triaxial", &TRIAXIAL, &["piston"]),
+            "contact" => ("contact", world("contact-cycles")?, &CONTACT, &["compliance", "offset"]),
+            "triaxial" => ("triaxial", world("triaxial")?, &TRIAXIAL, &["piston"]),
+            "triaxial-one" => ("triaxial-one", world("triaxial")?, &TRIAXIAL, &[]),
+            "triaxial-three" => ("triaxial-three", Box::new(CellPressures::new()), &TRIAXIAL, &[]),
             _ => anyhow::bail!("no world {name}; they are {}", NAMES.join(", ")),
         };
         let parameter = |&(name, lower, upper, scale, effect): &Row| Parameter {
@@ -87,9 +96,18 @@ impl Bench {
             unit: None,
         };
         let prior = Prior::new(rows.iter().map(parameter).collect());
-        let world = world::named(world).context("no such world")?;
         let (observables, steps) = (world.observables().len(), (0..world.path().len()).collect());
-        Ok(Self { name, world, prior, of_the_rig, observables, steps })
+        let tests: &[&str] = if name == "triaxial-three" { &CELLS } else { &[""] };
+        Ok(Self {
+            name,
+            world,
+            prior,
+            tests,
+            has_rig: !of_the_rig.is_empty(),
+            of_the_rig,
+            observables,
+            steps,
+        })
     }
 
     /// A bench by name, for cases of a condition.
@@ -113,7 +131,10 @@ impl Bench {
                 }));
                 bench.prior = Prior::new(parameters);
             }
-            Condition::OneObservable => bench.observables = 1,
+            Condition::OneObservable => {
+                ensure!(bench.tests.len() == 1, "one observable of {name} would be that of one test");
+                bench.observables = 1;
+            }
             Condition::TenSteps => bench.steps = thinned(&bench.world.path(), 10),
             _ => {}
         }
@@ -136,6 +157,27 @@ impl Bench {
     pub fn path(&self) -> Vec<f64> {
         let path = self.world.path();
         self.steps.iter().map(|&step| path[step]).collect()
+    }
+
+    /// The tests, whose observables stand behind each other.
+    pub fn tests(&self) -> Vec<Test> {
+        let (path, each) = (self.path(), self.observables / self.tests.len());
+        let mut tests: Vec<Test> = Vec::new();
+        for name in self.tests {
+            tests.push(Test::new(name, (self.world.control(), &path), each, tests.last()));
+        }
+        tests
+    }
+
+    /// The curves of other specimens, one in each test, shape (observables, steps).
+    pub fn scattered(
+        &self,
+        curves: &[Vec<f64>],
+        factor: &DMatrix<f64>,
+        random: &mut ChaCha8Rng,
+    ) -> Vec<Vec<f64>> {
+        let tests = curves.chunks_exact(self.observables / self.tests.len());
+        tests.flat_map(|curves| scattered(curves, factor, random)).collect()
     }
 
     /// The prior without some effects.
@@ -223,7 +265,7 @@ impl Bench {
                 let curves = self.simulate(&self.with_rest_off(prior, values)).ok()?;
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
                 random.set_stream(run as u64);
-                Some(if scatter { scattered(&curves, &factor, &mut random) } else { curves })
+                Some(if scatter { self.scattered(&curves, &factor, &mut random) } else { curves })
             })
             .collect::<Vec<Option<_>>>();
         let names = sample_names(self.name, iteration, values.len())?;
@@ -236,6 +278,45 @@ impl Bench {
         }
         ensure!(!ensemble.is_empty(), "an empty design, or one of which every run fails");
         Ok((Samples { source: "samples".to_owned(), names, parameters: prior.names(), values }, ensemble))
+    }
+}
+
+/// Names of the tests at three cell pressures, in kPa.
+const CELLS: [&str; 3] = ["tx50", "tx100", "tx200"];
+
+/// Triaxial tests of one sand at three cell pressures.
+struct CellPressures([Triaxial; 3]);
+
+impl CellPressures {
+    fn new() -> Self {
+        Self([50.0, 100.0, 200.0].map(|cell| Triaxial { cell, ..Triaxial::default() }))
+    }
+}
+
+impl World for CellPressures {
+    fn inputs(&self) -> &'static [Input] {
+        self.0[0].inputs()
+    }
+
+    fn control(&self) -> &'static str {
+        self.0[0].control()
+    }
+
+    fn observables(&self) -> &'static [&'static str] {
+        &["tx50.q", "tx50.e_v", "tx100.q", "tx100.e_v", "tx200.q", "tx200.e_v"]
+    }
+
+    fn path(&self) -> Vec<f64> {
+        self.0[0].path()
+    }
+
+    fn settings(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
+    fn observe(&self, inputs: &[f64]) -> Result<Vec<Vec<f64>>> {
+        let curves = self.0.iter().map(|test| test.observe(inputs)).collect::<Result<Vec<_>>>()?;
+        Ok(curves.concat())
     }
 }
 

@@ -148,8 +148,8 @@ type Verdict = (Diagnosis, Option<Shrink>, bool, usize);
 fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
     let simulated = shared.prior.effects().into_iter().map(Candidate::Simulated);
-    let measured = MeasurementEffect::all(kinds, &observations.names).into_iter().map(Candidate::Measured);
-    let candidates: Vec<Candidate> = simulated.chain(measured).collect();
+    let measured = MeasurementEffect::of_tests(kinds, &observations.names, &bench.tests());
+    let candidates: Vec<Candidate> = simulated.chain(measured.into_iter().map(Candidate::Measured)).collect();
     let noise = observations.noise(&ByName::default())?;
     let all = how.runs * shared.prior.parameters().len();
     let rounds = Rounds { all };
@@ -159,8 +159,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let world =
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
         let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
-        let problem =
-            Problem::new(predictor, &design.prior, candidates.clone(), observations, noise.clone(), 1.0)?;
+        let problem = problem(bench, predictor, &design.prior, &candidates, observations)?;
         let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let explanations = &diagnosis.attribution.explanations;
@@ -195,10 +194,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             }
             None => {
                 before = Some(now);
-                let noise = noise.clone();
-                let predictor = &design.emulator;
-                let problem =
-                    Problem::new(predictor, &design.prior, candidates.clone(), observations, noise, 1.0)?;
+                let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?;
                 let count = rounds.pointed(pointed);
                 pointed += 1;
                 let explanations = &found.0.attribution.explanations;
@@ -209,6 +205,17 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         own = Some(design.with_runs(bench, (prior, values), noise.as_ref(), (round, specimens))?);
     }
     unreachable!("rounds end by themselves")
+}
+
+fn problem<'a>(
+    bench: &Bench,
+    predictor: &'a dyn Predictor,
+    prior: &'a Prior,
+    candidates: &[Candidate],
+    observations: &Observations,
+) -> Result<Problem<'a>> {
+    let noise = observations.noise(&ByName::default())?;
+    Problem::of_tests(predictor, prior, candidates.to_vec(), (observations, bench.tests()), noise, 1.0)
 }
 
 fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {

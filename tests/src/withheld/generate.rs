@@ -5,7 +5,6 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
-use gl_gap::attribute::path;
 use gl_inference::observations::range;
 use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
@@ -17,7 +16,7 @@ use rayon::prelude::*;
 use super::bench::Bench;
 use super::condition::Condition;
 use super::fit::{Fit, fit};
-use super::specimen::{SCATTER, factor, scattered};
+use super::specimen::{SCATTER, factor};
 
 /// Noise as a share of each observable's range: one of these a case.
 const NOISES: [f64; 4] = [0.005, 0.01, 0.02, 0.04];
@@ -74,6 +73,9 @@ fn kept(stream: u64) -> Kept {
     };
     Kept { family, simulated, measured, is_withheld }
 }
+
+/// Those of the twenty that are not of the rig.
+const WITHOUT_RIG: [u64; 15] = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18];
 
 /// Ten kinds in turn for the conditions: mostly one effect, which is where they do harm.
 fn kept_under_a_condition(stream: u64) -> Kept {
@@ -211,8 +213,11 @@ fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Res
 fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(stream + 1 + 1_000_000 * time);
-    let Kept { family, simulated, measured, is_withheld } =
-        if condition == Condition::AsStated { kept(stream) } else { kept_under_a_condition(stream) };
+    let Kept { family, simulated, measured, is_withheld } = match condition {
+        Condition::AsStated if bench.has_rig => kept(stream),
+        Condition::AsStated => kept(WITHOUT_RIG[stream as usize % WITHOUT_RIG.len()]),
+        _ => kept_under_a_condition(stream),
+    };
     let parameters = bench.prior.parameters();
     let mut effects = bench.effects();
     if family == Family::Rig {
@@ -251,7 +256,7 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let factor =
         if family == Family::Scatter { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
     let mut noisy =
-        if family == Family::Scatter { scattered(&truth, &factor, &mut random) } else { truth.clone() };
+        if family == Family::Scatter { bench.scattered(&truth, &factor, &mut random) } else { truth.clone() };
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
         let remainder = condition.remainder(&control, *sd, &mut random);
         let noise = condition.noise(*sd, control.len(), &mut random);
@@ -356,7 +361,7 @@ impl Faults {
         for _ in 0..count {
             // A kind first, so that those of the control are as frequent as those of a sensor.
             let kind = KINDS[random.random_range(0..KINDS.len())].1;
-            let all = MeasurementEffect::all(&[kind], &names);
+            let all = MeasurementEffect::of_tests(&[kind], &names, &bench.tests());
             let effect = all[random.random_range(0..all.len())].clone();
             let of_control = matches!(kind, Kind::Compliance | Kind::Lag);
             let (least, most) = if of_control { OF_THE_CONTROL } else { OF_A_SENSOR };
@@ -369,9 +374,11 @@ impl Faults {
 
     fn applied(&self, bench: &Bench, curves: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let mut flat = curves.concat();
-        let path = path::Path::new(&bench.path());
+        let tests = bench.tests();
         for (effect, size) in &self.list {
-            effect.apply(*size, &path, &self.ranges, &mut flat);
+            let test = &tests[effect.test];
+            let ranges = &self.ranges[test.observables.clone()];
+            effect.apply(*size, &test.path, ranges, &mut flat[test.readings.clone()]);
         }
         flat.chunks_exact(curves[0].len()).map(<[f64]>::to_vec).collect()
     }

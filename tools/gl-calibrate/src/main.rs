@@ -22,8 +22,8 @@ struct Args {
     request: Request,
     #[command(flatten)]
     limits: Limits,
-    /// Runs of the same model that are there already, samples.txt and ensemble.txt in DIR: with an emulator they count
-    /// from the start
+    /// Runs of the same model that are there already, samples.txt and ensemble.txt in DIR (ensemble-TEST.txt of each
+    /// test): with an emulator they count from the start
     #[arg(long, value_name = "DIR")]
     with: Option<PathBuf>,
 }

@@ -9,6 +9,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
+use gl_cli::measured::{Measured, Measurement};
 use gl_gap::attribute::attribution::{Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
 use gl_gap::attribute::marginals::{Marginal, marginals};
@@ -17,9 +18,10 @@ use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::rest::{GoesWith, goes_with};
 use gl_gap::attribute::self_check::{Design, self_check, summary};
+use gl_gap::attribute::test::Test;
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::observations::{Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
 use gl_table::TableWriter;
@@ -41,22 +43,13 @@ struct Args {
     /// Samples of the design
     #[arg(short, long, value_name = "FILE")]
     samples: PathBuf,
-    /// Measurement
-    #[arg(short = 'b', long, value_name = "FILE")]
-    observations: PathBuf,
-    /// Column of the control
-    #[arg(short, long, value_name = "NAME")]
-    control: String,
-    /// Columns of the observables; compliance takes the first for the load
-    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required = true)]
-    observables: Vec<String>,
-    /// Standard deviation of the noise; by default the `_sd` columns of the measurement, or estimated
-    #[arg(long, value_name = "NAME=SD,…")]
-    noise: Option<ByName>,
+    #[command(flatten)]
+    measured: Measured,
     /// Steps to look at, from A up to but not including B; the rest is kept back, to foretell
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
-    /// Effects of the measurement to consider: offset, gain, drift, compliance, lag
+    /// Effects of the measurement to consider, each in one test: offset, gain, drift, compliance (which takes the
+    /// first observable for the load), lag
     #[arg(long, value_name = "KIND,…", value_delimiter = ',')]
     measurement: Vec<Kind>,
     /// Effects that may be at work together
@@ -110,9 +103,9 @@ struct Args {
     /// Where the table goes; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Ensemble of the design's runs, `-` for stdin
+    /// Ensembles of the design's runs, `-` for stdin; NAME=ENSEMBLE for each --test
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
-    ensemble: PathBuf,
+    ensembles: Vec<PathBuf>,
 }
 
 const EXAMPLE: &str = "\
@@ -132,6 +125,31 @@ Example (a line with a bend that the base model lacks):
 /// Hypotheses less probable than this are not worth a prediction.
 const LIKELY: f64 = 0.01;
 
+/// What was measured at the compared steps, and the runs there.
+struct Seen {
+    observations: Observations,
+    tests: Vec<Test>,
+    noise: Option<Vec<Vec<f64>>>,
+    ensemble: Ensemble,
+}
+
+impl Seen {
+    fn read(args: &Args) -> Result<Self> {
+        let measurement = args.measured.read()?;
+        let steps = measurement.steps(args.steps)?;
+        let ensemble = measurement.ensemble("gl-gap-attribute", &args.ensembles)?;
+        let Measurement { observations, noise, stack } = measurement;
+        if let Some(stack) = stack {
+            let tests = Test::of_stack(&stack);
+            return Ok(Self { observations, tests, noise, ensemble });
+        }
+        let all: Vec<usize> = (0..ensemble.len()).collect();
+        let observations = observations.part(steps.clone());
+        let noise = noise.map(|noise| noise.iter().map(|noise| noise[steps.clone()].to_vec()).collect());
+        Ok(Self { tests: Test::of(&observations), ensemble: ensemble.part(&all, steps), observations, noise })
+    }
+}
+
 fn run(args: &Args) -> Result<()> {
     for (i, kind) in args.measurement.iter().enumerate() {
         let is_new = !args.measurement[..i].contains(kind);
@@ -142,19 +160,8 @@ fn run(args: &Args) -> Result<()> {
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
-    let observations = Observations::read(&args.observations, &args.control, &args.observables)?;
-    let ensemble = Ensemble::read(&args.ensemble, &args.control, &args.observables)?;
-    ensemble.check_steps(&observations)?;
-    let (observations, ensemble) = match args.steps {
-        Some(steps) => {
-            let steps = steps.within(observations.steps())?;
-            let all: Vec<usize> = (0..ensemble.len()).collect();
-            (observations.part(steps.clone()), ensemble.part(&all, steps))
-        }
-        None => (observations, ensemble),
-    };
-    let noise = observations.noise(&args.noise.clone().unwrap_or_default())?;
-    let candidates = candidates(&prior, &samples, &ensemble, &args.measurement)?;
+    let Seen { observations, tests, noise, ensemble } = Seen::read(args)?;
+    let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
     let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
     if emulator.missing() > 0 {
         note(format_args!(
@@ -166,7 +173,8 @@ fn run(args: &Args) -> Result<()> {
     if noise.is_none() {
         note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
     }
-    let problem = Problem::new(&emulator, &prior, candidates.clone(), &observations, noise, args.scatter)?;
+    let measured = (&observations, tests.clone());
+    let problem = Problem::of_tests(&emulator, &prior, candidates.clone(), measured, noise, args.scatter)?;
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     write(args.output.as_deref(), &diagnosis)?;
     if let Some(path) = &args.effects_out {
@@ -200,7 +208,8 @@ fn run(args: &Args) -> Result<()> {
             candidates: &candidates,
             scatter: args.scatter,
         };
-        let checked = self_check(&design, &observations, &noise, args.max_effects, count, args.seed)?;
+        let measured = (&observations, tests.as_slice());
+        let checked = self_check(&design, measured, &noise, args.max_effects, count, args.seed)?;
         summary(&checked).iter().for_each(note);
     }
     Ok(())
@@ -296,6 +305,9 @@ fn main() -> ExitCode {
     let args: Args = gl_cli::parse();
     gl_cli::finish(
         "gl-gap-attribute",
-        gl_cli::about(run(&args), [&args.ensemble, &args.samples, &args.params, &args.observations]),
+        gl_cli::about(
+            run(&args),
+            args.ensembles.iter().chain([&args.samples, &args.params]).chain(args.measured.tables()),
+        ),
     )
 }

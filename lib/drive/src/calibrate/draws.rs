@@ -45,7 +45,7 @@ impl Iteration<'_> {
             .posterior(&[known.samples.clone()], self.runs(), 0)
             .flag("--next-out", samples)
             .flag("-o", &unused)
-            .arg(&known.ensemble);
+            .args(known.tables(self.setting.case));
         let is_made = self.setting.runner.attempt(&call, &self.file("known.log"))?;
         let _ = std::fs::remove_file(unused);
         Ok(is_made)
@@ -72,7 +72,7 @@ impl Iteration<'_> {
         let known = self.setting.known.as_ref();
         let mut samples: Vec<PathBuf> = known.iter().map(|known| known.samples.clone()).collect();
         samples.extend(self.files_so_far("samples.txt"));
-        let mut ensembles: Vec<PathBuf> = known.iter().map(|known| known.ensemble.clone()).collect();
+        let mut ensembles: Vec<PathBuf> = known.iter().flat_map(|known| known.ensembles.clone()).collect();
         ensembles.extend(self.tables_of_tests("ensemble.txt"));
         let verdict = self.file("posterior-verdict.txt");
         if self.file(FALLBACK).exists() && is_current(&self.file(FALLBACK), &ensembles)? {
@@ -92,7 +92,7 @@ impl Iteration<'_> {
                 .flag("--run-summary", self.file("posterior-runs.txt"))
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
-                .args(known.map(|known| &known.ensemble))
+                .args(known.iter().flat_map(|known| known.tables(case)))
                 .args(self.ensembles_of_tests());
             let log = self.file("emulator.log");
             let _ = std::fs::remove_file(&log);

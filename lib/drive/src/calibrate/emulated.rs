@@ -195,7 +195,7 @@ impl Emulation<'_> {
 }
 
 /// The name of a table, with that of its test where it has one.
-fn of_test_or_none(table: &str, test: &Test, number: &str) -> String {
+pub(crate) fn of_test_or_none(table: &str, test: &Test, number: &str) -> String {
     if test.name.is_empty() {
         format!("{table}{number}.txt")
     } else {

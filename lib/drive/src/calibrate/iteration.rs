@@ -9,7 +9,7 @@ use gl_inference::samples::Samples;
 use gl_inference::summary::enough_runs;
 
 use super::emulated;
-use crate::columns::{comparison, list, simulated, varied_in};
+use crate::columns::{comparison, list, of_test, simulated, varied_in, within};
 use crate::step::{Call, Messages, Runner, is_current, make_folder, write};
 
 /// What all iterations of a calibration have in common.
@@ -31,26 +31,36 @@ pub(crate) struct Setting<'a> {
 /// Runs that were made for something else, and are of the same model.
 pub(crate) struct Known {
     pub(crate) samples: PathBuf,
-    pub(crate) ensemble: PathBuf,
+    /// One of each test.
+    pub(crate) ensembles: Vec<PathBuf>,
     pub(crate) runs: usize,
 }
 
 impl Known {
     /// # Errors
-    /// If the case has several tests or no emulator, or the tables cannot be read.
+    /// If the case has no emulator, or a table is missing or cannot be read.
     pub(crate) fn new(case: &Case, folder: &Path) -> Result<Self> {
         ensure!(
-            !case.has_tests() && case.posterior == Posterior::Emulator,
-            "--with {}: takes runs of one test, for an emulator; leave it out with [[test]] and posterior=weights",
+            case.posterior == Posterior::Emulator,
+            "--with {}: an emulator learns from runs that are there already; leave it out with posterior=weights",
             folder.display()
         );
-        let [samples, ensemble] = ["samples.txt", "ensemble.txt"].map(|name| folder.join(name));
-        ensure!(
-            ensemble.is_file(),
-            "{}: not there; --with takes a folder with samples.txt and ensemble.txt",
-            ensemble.display()
-        );
-        Ok(Self { runs: Samples::read(&samples)?.len(), samples, ensemble })
+        let of = |test| folder.join(emulated::of_test_or_none("ensemble", test, ""));
+        let ensembles: Vec<PathBuf> = case.tests.iter().map(of).collect();
+        for table in &ensembles {
+            ensure!(
+                table.is_file(),
+                "{}: not there; --with takes a folder with samples.txt and the ensemble of each test",
+                table.display()
+            );
+        }
+        let samples = folder.join("samples.txt");
+        Ok(Self { runs: Samples::read(&samples)?.len(), samples, ensembles })
+    }
+
+    /// The ensembles as tools take them.
+    pub(crate) fn tables(&self, case: &Case) -> Vec<std::ffi::OsString> {
+        case.tests.iter().zip(&self.ensembles).map(|(test, table)| of_test(test, table)).collect()
     }
 }
 
@@ -66,7 +76,7 @@ impl Setting<'_> {
 
     /// The folder of a test in that of an iteration; the same where the case is one test.
     pub(crate) fn folder_of(&self, i: usize, test: &Test) -> PathBuf {
-        if test.name.is_empty() { self.folder(i) } else { self.folder(i).join(&test.name) }
+        within(&self.folder(i), test)
     }
 }
 
@@ -199,14 +209,7 @@ impl<'a> Iteration<'a> {
         if is_current(&own, &inputs)? {
             return Ok(());
         }
-        let mut samples = Samples::read(&all)?;
-        // A simulator that takes the whole table has it in its command.
-        if self.setting.runs.is_none_or(|(engine, _)| engine != Engine::Embedded) {
-            samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
-            let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
-            samples.values.iter_mut().for_each(|row| row.extend(&values));
-        }
-        samples.write(Some(&own), self.setting.case.threads)
+        give(&all, test, self.setting.runs.map(|(engine, _)| engine), self.setting.case.threads, &own)
     }
 
     /// How far each run is from the measurement.
@@ -303,6 +306,27 @@ impl<'a> Iteration<'a> {
     pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
         (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
     }
+}
+
+/// Write the samples of a test: those of a table, with what is given of the test.
+///
+/// # Errors
+/// If the table cannot be read, or the other one not written.
+pub(crate) fn give(
+    all: &Path,
+    test: &Test,
+    engine: Option<Engine>,
+    threads: Option<usize>,
+    own: &Path,
+) -> Result<()> {
+    let mut samples = Samples::read(all)?;
+    // A simulator that takes the whole table has it in its command.
+    if engine != Some(Engine::Embedded) {
+        samples.parameters.extend(test.given.iter().map(|(name, _)| name.clone()));
+        let values: Vec<f64> = test.given.iter().map(|(_, value)| *value).collect();
+        samples.values.iter_mut().for_each(|row| row.extend(&values));
+    }
+    samples.write(Some(own), threads)
 }
 
 /// Run the samples of a table: false where they are in a queue, and `wait` is not set.

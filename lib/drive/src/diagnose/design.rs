@@ -10,6 +10,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_case::Test;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
 use gl_inference::design::least_switched;
@@ -19,8 +20,9 @@ use gl_table::Table;
 
 use super::{Diagnosis, RUNS_WEIGHTS, WIDER_PRIOR, renew};
 use crate::Progress;
-use crate::calibrate::iteration::{collect, run};
-use crate::columns::{list, measurement, runs_of_design};
+use crate::calibrate::emulated::of_test_or_none;
+use crate::calibrate::iteration::{collect, give, run};
+use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
 /// The box is made wider so often at the most.
@@ -97,8 +99,14 @@ impl Diagnosis<'_> {
 
     /// What the last round says is the attribution; its words come last, so that they stand for all of it.
     fn conclude(&self, round: &Path) -> Result<Progress> {
-        for table in ["samples", "ensemble", "status"] {
-            copy(&round.join(format!("all-{table}.txt")), &self.file(&format!("design/{table}.txt")))?;
+        let design = self.file("design");
+        copy(&round.join("all-samples.txt"), &design.join("samples.txt"))?;
+        for test in &self.case.tests {
+            let own = within(&design, test);
+            make_folder(&own)?;
+            copy(&within(round, test).join("all-status.txt"), &own.join("status.txt"))?;
+            let ensemble = of_test_or_none("ensemble", test, "");
+            copy(&round.join(format!("all-{ensemble}")), &design.join(ensemble))?;
         }
         copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
         for table in [
@@ -211,49 +219,89 @@ impl Round<'_> {
     }
 
     fn run(&self) -> Result<bool> {
+        for test in &self.diagnosis.case.tests {
+            if !self.run_test(test)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Run the samples in a test and collect the runs: false where they are in a queue.
+    fn run_test(&self, test: &Test) -> Result<bool> {
         let Diagnosis { case, engine, model, runner, wait, .. } = *self.diagnosis;
-        let (samples, ensemble) = (self.file("samples.txt"), self.file("ensemble.txt"));
-        if is_current(&ensemble, &[&samples, &case.tests[0].obs])? {
+        let folder = within(&self.folder, test);
+        let (all, samples, ensemble) =
+            (self.file("samples.txt"), folder.join("samples.txt"), folder.join("ensemble.txt"));
+        let mut own = model.to_owned();
+        if !test.name.is_empty() {
+            make_folder(&folder)?;
+            own = case.model_of(test, engine)?;
+            if !is_current(&samples, &[&all, &case.file()])? {
+                give(&all, test, Some(engine), case.threads, &samples)?;
+            }
+        }
+        if is_current(&ensemble, &[&samples, &test.obs])? {
             return Ok(true);
         }
-        if !run(runner, case, (engine, model), &samples, &self.file("runs"), wait)? {
+        if !run(runner, case, (engine, &own), &samples, &folder.join("runs"), wait)? {
             return Ok(false);
         }
-        collect(runner, case, &case.tests[0], &self.folder, Messages::Shown)?;
+        collect(runner, case, test, &folder, Messages::Shown)?;
         Ok(true)
     }
 
     /// The tables of all rounds so far, and of the runs of the base model that lie in the box: there every effect is off.
     fn gather(&self) -> Result<()> {
-        let target = self.file("all-ensemble.txt");
-        if is_current(&target, &self.tables("ensemble", true))? {
+        let tests = &self.diagnosis.case.tests;
+        let folders = self.folders(true);
+        let of = |test: Option<&Test>, table: &str| -> Vec<PathBuf> {
+            let own = |folder: &PathBuf| test.map_or(folder.clone(), |test| within(folder, test));
+            folders.iter().map(|folder| own(folder).join(table)).collect()
+        };
+        let mut is_done = true;
+        for test in tests {
+            is_done &= is_current(&self.all_of(test), &of(Some(test), "ensemble.txt"))?;
+        }
+        if is_done {
             return Ok(());
         }
-        let wanted = self.in_box(&self.tables("samples", true))?;
-        for (table, column) in [("samples", "description"), ("status", "sample"), ("ensemble", "sample")] {
+        let wanted = self.in_box(&folders)?;
+        let put = |tables: &[PathBuf], column: &'static str, to: &Path| {
             let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
-            join(&self.tables(table, true), &self.file(&format!("all-{table}.txt")), Some(&wanted))?;
+            join(tables, to, Some(&wanted))
+        };
+        put(&of(None, "samples.txt"), "description", &self.file("all-samples.txt"))?;
+        for test in tests {
+            let status = within(&self.folder, test).join("all-status.txt");
+            put(&of(Some(test), "status.txt"), "sample", &status)?;
         }
-        Ok(())
+        tests.iter().try_for_each(|test| put(&of(Some(test), "ensemble.txt"), "sample", &self.all_of(test)))
     }
 
-    /// The tables of this name of the base calibration's iterations, and of the rounds so far.
-    fn tables(&self, name: &str, with_rounds: bool) -> Vec<PathBuf> {
-        let base = self.diagnosis.file("base");
-        let iterations = (0..).map(|i| base.join(format!("iter{i}")));
-        let iterations = iterations.take_while(|folder| folder.join("ensemble.txt").exists());
+    /// All runs of a test so far.
+    fn all_of(&self, test: &Test) -> PathBuf {
+        self.file(&format!("all-{}", of_test_or_none("ensemble", test, "")))
+    }
+
+    /// The folders of the base calibration's iterations, and of the rounds so far.
+    fn folders(&self, with_rounds: bool) -> Vec<PathBuf> {
+        let (base, tests) = (self.diagnosis.file("base"), &self.diagnosis.case.tests);
+        let is_done =
+            |folder: &PathBuf| tests.iter().all(|test| within(folder, test).join("ensemble.txt").exists());
+        let iterations = (0..).map(|i| base.join(format!("iter{i}"))).take_while(is_done);
         let rounds = (0..=self.number).filter(|_| with_rounds).map(|r| self.diagnosis.round(r));
-        iterations.chain(rounds).map(|folder| folder.join(format!("{name}.txt"))).collect()
+        iterations.chain(rounds).collect()
     }
 
-    /// Names of the samples of these tables that are of the design, or of the base model and in its box.
-    fn in_box(&self, tables: &[PathBuf]) -> Result<BTreeSet<String>> {
+    /// Names of the samples in these folders that are of the design, or of the base model and in its box.
+    fn in_box(&self, folders: &[PathBuf]) -> Result<BTreeSet<String>> {
         let own = Prior::read(&self.file("params.txt"))?;
         let design = self.diagnosis.file("design");
         let mut wanted = BTreeSet::new();
-        for table in tables {
-            let samples = Samples::read(table)?;
-            let is_of_design = table.starts_with(&design);
+        for folder in folders {
+            let samples = Samples::read(&folder.join("samples.txt"))?;
+            let is_of_design = folder.starts_with(&design);
             let values = samples.columns(&own.names())?;
             let is_in = |row: &Vec<f64>| {
                 let inside = |(parameter, &value): (&Parameter, &f64)| {
@@ -273,18 +321,13 @@ impl Round<'_> {
         let own = Prior::read(&target)?;
         let prior = Prior::read(&self.diagnosis.case.params())?;
         let made = Samples::read(&samples)?;
-        let status = Table::read(&self.file("status.txt"))?;
-        let (name, outcome) = (status.format().column("sample")?, status.format().column("status")?);
-        let is_done: BTreeSet<&str> = (0..status.len())
-            .filter(|&row| status.field(row, outcome) == "ok")
-            .map(|row| status.field(row, name))
-            .collect();
+        let failed = self.failed()?;
         let values = made.columns(&own.names())?;
         let done: Vec<Vec<f64>> = made
             .names
             .iter()
             .zip(&values)
-            .filter(|(name, _)| is_done.contains(name.as_str()))
+            .filter(|(name, _)| !failed.contains(*name))
             .map(|(_, values)| values.clone())
             .collect();
         let trimmed = within_runs(&prior, &own, &values, &done)?;
@@ -295,24 +338,40 @@ impl Round<'_> {
             );
             trimmed.write(Some(&target))?;
             // The samples and runs are still those of this box.
-            for file in [&samples, &self.file("ensemble.txt"), &self.file("all-ensemble.txt")] {
-                touch(file)?;
+            touch(&samples)?;
+            for test in &self.diagnosis.case.tests {
+                let own = within(&self.folder, test);
+                touch(&own.join("samples.txt"))?;
+                touch(&own.join("ensemble.txt"))?;
+                touch(&self.all_of(test))?;
             }
         }
         Ok(())
     }
 
+    /// Names of the samples of this round that failed in a test.
+    fn failed(&self) -> Result<BTreeSet<String>> {
+        let mut failed = BTreeSet::new();
+        for test in &self.diagnosis.case.tests {
+            let status = Table::read(&within(&self.folder, test).join("status.txt"))?;
+            let (name, outcome) = (status.format().column("sample")?, status.format().column("status")?);
+            let rows = (0..status.len()).filter(|&row| status.field(row, outcome) != "ok");
+            failed.extend(rows.map(|row| status.field(row, name).to_owned()));
+        }
+        Ok(failed)
+    }
+
     /// Which effect explains the gap, by all runs so far, and which runs would say more.
     fn attribute(&self) -> Result<()> {
-        let (target, ensemble) = (self.file("attribution.txt"), self.file("all-ensemble.txt"));
-        if is_current(&target, &[&ensemble])? {
+        let target = self.file("attribution.txt");
+        let case = self.diagnosis.case;
+        let all: Vec<PathBuf> = case.tests.iter().map(|test| self.all_of(test)).collect();
+        if is_current(&target, &all)? {
             return Ok(());
         }
-        let case = self.diagnosis.case;
         let call = Call::new("gl-gap-attribute").flag("-p", self.file("params.txt"));
         let call = call.flag("--prior", case.params());
-        let call = measurement(call.flag("-s", self.file("all-samples.txt")), &case.tests[0])
-            .option("--steps", case.tests[0].steps.as_ref())
+        let call = measured(call.flag("-s", self.file("all-samples.txt")), case, Which::Compared)
             .option("--measurement", list(&case.measurement))
             .option("--max-effects", case.max_effects)
             .option("--scatter", case.scatter)
@@ -328,7 +387,7 @@ impl Round<'_> {
             .option("--seed", Some(case.seed))
             .verdict(&self.file("attribution-verdict.txt"))
             .flag("-o", &target)
-            .arg(ensemble);
+            .args(case.tests.iter().zip(&all).map(|(test, all)| of_test(test, all)));
         self.diagnosis.runner.must(&call, Messages::Kept(&self.file("attribution.log")))
     }
 }
@@ -346,12 +405,12 @@ impl Diagnosis<'_> {
             return Ok(0);
         }
         let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0 };
-        let there = first.in_box(&first.tables("samples", false))?;
+        let there = first.in_box(&first.folders(false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
     }
 
-    /// The runs of the design in which these effects are on and no others, within a prior, as `samples.txt` and
-    /// `ensemble.txt` of a folder: those belong to the calibration with these effects, too.
+    /// The runs of the design in which these effects are on and no others, within a prior, as `samples.txt` and the
+    /// ensemble of each test in a folder: those belong to the calibration with these effects, too.
     pub(super) fn runs_with(&self, effects: &[String], prior: &Prior, folder: &Path) -> Result<()> {
         let design = self.file("design");
         let (all, target) = (design.join("samples.txt"), folder.join("samples.txt"));
@@ -370,11 +429,13 @@ impl Diagnosis<'_> {
             .filter(|(_, row)| prior.parameters().iter().zip(*row).all(is_of))
             .map(|(name, _)| name.as_str())
             .collect();
-        for (table, column) in [("ensemble", "sample"), ("samples", "description")] {
+        let put = |name: &str, column| {
             let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
-            let name = format!("{table}.txt");
-            join(&[design.join(&name)], &folder.join(&name), Some(&wanted))?;
+            join(&[design.join(name)], &folder.join(name), Some(&wanted))
+        };
+        for test in &self.case.tests {
+            put(&of_test_or_none("ensemble", test, ""), "sample")?;
         }
-        Ok(())
+        put("samples.txt", "description")
     }
 }

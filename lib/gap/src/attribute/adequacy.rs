@@ -32,17 +32,20 @@ pub fn predictive_probability(model: &Model<'_>, mode: &Mode, seed: u64) -> Resu
     let own = DVector::from_column_slice(&w[..model.curve_parameters()]);
     let residual = DVector::from_vec(model.residual(&curve.mean)) + &slopes * own;
     // Σ as it stands at the mode, with the parameters' share added to it.
-    let steps = problem.steps();
     let observables = problem.ranges.len();
     let odd = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
-    let smooth = DMatrix::from_fn(residual.len(), observables * problem.smooth.len(), |i, k| {
-        let (j, pattern) = (k / problem.smooth.len(), k % problem.smooth.len());
-        if i / steps == j {
-            problem.smooth.patterns[(i % steps, pattern)] * problem.smooth.variances[pattern].sqrt()
-        } else {
-            0.0
+    let patterns: Vec<usize> = (0..observables).map(|j| problem.test_of(j).smooth.len()).collect();
+    let mut smooth = DMatrix::zeros(residual.len(), patterns.iter().sum());
+    let mut first = 0;
+    for (j, count) in patterns.iter().enumerate() {
+        let of = &problem.test_of(j).smooth;
+        let block = problem.own(j);
+        for pattern in 0..*count {
+            let scaled = of.patterns.column(pattern) * of.variances[pattern].sqrt();
+            smooth.view_mut((block.start, first + pattern), (block.len(), 1)).copy_from(&scaled);
         }
-    });
+        first += count;
+    }
     let all = DMatrix::from_fn(residual.len(), 1 + smooth.ncols() + slopes.ncols(), |i, k| {
         match k.checked_sub(1) {
             None => odd[i],
@@ -63,12 +66,12 @@ pub fn predictive_probability(model: &Model<'_>, mode: &Mode, seed: u64) -> Resu
     let whole = ChiSquared::new(residual.len() as f64)?;
     let mut probabilities = vec![whole.sf(product[(0, 0)].max(0.0))];
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let patterns = problem.smooth.len();
-    for j in 0..observables {
-        let first = 1 + j * patterns;
+    let mut first = 1;
+    for patterns in patterns {
         let score = product.view((first, 0), (patterns, 1)).norm_squared();
         let shares = SymmetricEigen::new(product.view((first, first), (patterns, patterns)).into_owned());
         probabilities.push(exceedance(score, shares.eigenvalues.as_slice(), &mut random));
+        first += patterns;
     }
     let smallest = probabilities.iter().copied().fold(1.0, f64::min);
     Ok(1.0 - (1.0 - smallest).powi(probabilities.len() as i32))

@@ -11,10 +11,11 @@ use crate::attribute::model::Model;
 use crate::attribute::problem::{HEAVY_TAILS, Problem};
 use gl_numeric::statistics::Quantiles;
 
-/// Root mean square of (measured − curve) / range over all readings.
+/// Root mean square of (measured − curve) / range over all observables.
 pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
-    let steps = problem.steps();
-    let share = |(i, (seen, y)): (usize, (&f64, &f64))| ((seen - y) / problem.ranges[i / steps]).powi(2);
+    let share = |(i, (seen, y)): (usize, (&f64, &f64))| {
+        problem.counts(i) * ((seen - y) / problem.ranges[problem.observable_of(i)]).powi(2)
+    };
     let sum: f64 = problem.observed.iter().zip(curve).enumerate().map(share).sum();
     (sum / problem.observed.len() as f64).sqrt()
 }
@@ -35,7 +36,10 @@ fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64]) -> Result<f64> {
     let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
     absorb(model, w, &slopes, &mut errors)?;
-    let share = |i: usize| errors.row(i).norm_squared() / problem.ranges[i / problem.steps()].powi(2);
+    let share = |i: usize| {
+        let square = errors.row(i).norm_squared() / problem.ranges[problem.observable_of(i)].powi(2);
+        problem.counts(i) * square
+    };
     let sum: f64 = (0..errors.nrows()).map(share).sum();
     Ok((sum / errors.nrows() as f64).sqrt())
 }
@@ -74,7 +78,6 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
     let parameters = problem.prior.base().len();
-    let steps = problem.steps();
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
         let (mean, slopes) = own.gradient(&explanation.best()[..own.len()]);
@@ -82,7 +85,9 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
         // In the metric of the one noise, so that the two are compared alike.
         absorb(&model, w, &slopes.columns(0, parameters).into_owned(), &mut left)?;
         let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
-        let squares: Vec<f64> = counted.map(|i| (left[i] / problem.ranges[i / steps]).powi(2)).collect();
+        let share =
+            |i: usize| problem.counts(i) * (left[i] / problem.ranges[problem.observable_of(i)]).powi(2);
+        let squares: Vec<f64> = counted.map(share).collect();
         Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     };
     Ok(1.0 - left(left_by(base)?, left_by(of)?, floor(&model, w)?))
@@ -179,7 +184,7 @@ fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec
         // What the components leave out of a reading, given its sum with the noise.
         let scales = model.nuisances(w).scales;
         for (i, left_out) in problem.predictor.left_over().iter().enumerate() {
-            let noise = (scales[i / problem.steps()] * problem.units[i]).powi(2);
+            let noise = (scales[problem.observable_of(i)] * problem.units[i]).powi(2);
             let share = left_out / (left_out + noise);
             let sd = (share * noise).sqrt();
             real.row_mut(i).apply(|r| *r = (1.0 - share) * *r + sd * standard_normal(random));

@@ -20,9 +20,9 @@ const MOST: usize = 4;
 /// Where two hypotheses differ most.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// Name of the observable.
-    pub observable: String,
-    /// The steps.
+    /// The observable.
+    pub observable: usize,
+    /// The steps of its test.
     pub steps: std::ops::Range<usize>,
     /// Largest difference there, in standard deviations of noise and scatter.
     pub height: f64,
@@ -109,7 +109,6 @@ fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve)
 /// Where the curves of two explanations differ most for their noise: the fifth of the steps of one
 /// observable with the largest sum of squares.
 pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation) -> Option<Difference> {
-    let steps = problem.steps();
     let scales = one.model(problem).nuisances(one.best()).scales;
     let apart: Vec<f64> = one
         .evidence
@@ -117,23 +116,25 @@ pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation)
         .iter()
         .zip(&other.evidence.mean)
         .enumerate()
-        .map(|(i, (a, b))| (a - b) / problem.spread(i / steps, &scales))
+        .map(|(i, (a, b))| (a - b) / problem.spread(problem.observable_of(i), &scales))
         .collect();
-    let window = (steps / 5).max(1);
-    let mut best: Option<(f64, usize, usize)> = None;
-    for (j, apart) in apart.chunks_exact(steps).enumerate() {
-        for start in 0..=steps - window {
+    let mut best: Option<(f64, usize, std::ops::Range<usize>)> = None;
+    for (j, block) in problem.blocks().into_iter().enumerate() {
+        let apart = &apart[block];
+        let window = (apart.len() / 5).max(1);
+        for start in 0..=apart.len() - window {
             let sum: f64 = apart[start..start + window].iter().map(|d| d * d).sum();
-            if best.is_none_or(|(most, _, _)| sum > most) {
-                best = Some((sum, j, start));
+            if best.as_ref().is_none_or(|(most, _, _)| sum > *most) {
+                best = Some((sum, j, start..start + window));
             }
         }
     }
-    let (_, j, start) = best?;
-    let inside = &apart[j * steps + start..j * steps + start + window];
+    let (_, observable, steps) = best?;
+    let first = problem.own(observable).start;
+    let inside = &apart[first + steps.start..first + steps.end];
     Some(Difference {
-        observable: problem.observables[j].clone(),
-        steps: start..start + window,
+        observable,
+        steps: steps.clone(),
         height: inside.iter().map(|d| d.abs()).fold(0.0, f64::max),
     })
 }

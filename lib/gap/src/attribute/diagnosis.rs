@@ -10,6 +10,7 @@ use crate::attribute::hypothesis::Candidate;
 use crate::attribute::lean::{Lean, leans};
 use crate::attribute::measurement::{Kind, MeasurementEffect};
 use crate::attribute::problem::Problem;
+use crate::attribute::test::Test;
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
@@ -18,7 +19,8 @@ use gl_inference::samples::Samples;
 /// Components of an emulator at most: weak effects hide in the later ones.
 const COMPONENTS: usize = 20;
 
-/// What may explain a gap: the effects of the prior, and those of the measurement.
+/// What may explain a gap: the effects of the prior, which act in all tests, and those of the measurement, each in its
+/// own.
 ///
 /// # Errors
 /// If there are none, an effect is on in no run, or in every one, or an observable is the same in every
@@ -28,6 +30,7 @@ pub fn candidates(
     samples: &Samples,
     ensemble: &Ensemble,
     kinds: &[Kind],
+    tests: &[Test],
 ) -> Result<Vec<Candidate>> {
     let values = samples.columns(&prior.names())?;
     let places = samples.index();
@@ -53,7 +56,8 @@ pub fn candidates(
         );
     }
     let mut all: Vec<Candidate> = effects.into_iter().map(Candidate::Simulated).collect();
-    all.extend(MeasurementEffect::all(kinds, &ensemble.observables).into_iter().map(Candidate::Measured));
+    let measured = MeasurementEffect::of_tests(kinds, &ensemble.observables, tests);
+    all.extend(measured.into_iter().map(Candidate::Measured));
     let names = ensemble.observables.iter().enumerate().filter(|_| !ensemble.is_empty());
     for (j, name) in names {
         let first = ensemble.curve(0, j);
@@ -220,6 +224,8 @@ pub fn shrink(
 pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
     let first = diagnosis.first();
     let scales = first.model(problem).nuisances(first.best()).scales;
-    let sd = |(units, scale): (&[f64], &f64)| units.iter().map(|unit| scale * unit).collect();
-    problem.units.chunks_exact(problem.steps()).zip(&scales).map(sd).collect()
+    let sd = |(block, scale): (std::ops::Range<usize>, &f64)| {
+        problem.units[block].iter().map(|unit| scale * unit).collect()
+    };
+    problem.blocks().into_iter().zip(&scales).map(sd).collect()
 }

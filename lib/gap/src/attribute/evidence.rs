@@ -256,7 +256,7 @@ mod tests {
     /// ln N(y; mean, N + small discrepancy + rest + Σ patternᵢ sdᵢ²), the closed form at nuisances: N is
     /// autoregressive.
     fn closed_form(problem: &Problem<'_>, at: &Nuisances, mean: &[f64], patterns: &Directions) -> f64 {
-        let smooth = &problem.smooth;
+        let smooth = &problem.tests[0].smooth;
         let sd = at.scales[0] * problem.units[0];
         let mut covariance =
             DMatrix::from_fn(STEPS, STEPS, |s, t| sd * sd * at.phi[0].powi(s.abs_diff(t) as i32));

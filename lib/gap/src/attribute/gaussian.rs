@@ -1,5 +1,7 @@
 //! The normal density of a curve whose covariance is an autoregressive noise and a few patterns.
 
+use std::ops::Range;
+
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -27,13 +29,16 @@ pub struct Patterns {
     /// Lower factor of the correlation of the first patterns; the others are independent.
     correlation: DMatrix<f64>,
     grams: Vec<Gram>,
-    steps: usize,
+    /// Readings of each observable.
+    blocks: Vec<Range<usize>>,
     ln_units: f64,
 }
 
-/// Products of the patterns of one observable, each of shape (patterns, patterns).
+/// Products of the patterns that an observable has a share in, each of shape (those patterns, those patterns).
 #[derive(Clone, Debug)]
 struct Gram {
+    /// Which these are among all patterns.
+    places: Vec<usize>,
     /// Σ uₜ uₜᵀ over all steps.
     all: DMatrix<f64>,
     /// The same over the first and the last step.
@@ -55,30 +60,41 @@ pub struct Filled<'a> {
 
 impl Patterns {
     /// * `units` — of the noise of each reading, observable by observable, shape (readings,), all positive.
-    /// * `steps` — readings of an observable.
+    /// * `blocks` — readings of each observable, behind each other.
     /// * `patterns` — U, shape (readings, patterns).
     /// * `correlation` — lower factor of the correlation R of the first patterns; the others are
     ///   independent of them and of each other.
-    pub fn new(units: &[f64], steps: usize, patterns: &DMatrix<f64>, correlation: &DMatrix<f64>) -> Self {
+    pub fn new(
+        units: &[f64],
+        blocks: &[Range<usize>],
+        patterns: &DMatrix<f64>,
+        correlation: &DMatrix<f64>,
+    ) -> Self {
         let reciprocal = DVector::from_iterator(units.len(), units.iter().map(|unit| unit.recip()));
         let mut patterns = patterns.clone();
         for mut column in patterns.column_iter_mut() {
             column.component_mul_assign(&reciprocal);
         }
-        let gram = |start: usize| {
-            let own = patterns.rows(start, steps);
+        let gram = |block: &Range<usize>| {
+            let steps = block.len();
+            let own = patterns.rows(block.start, steps);
+            let has_share = |place: &usize| own.column(*place).iter().any(|y| *y != 0.0);
+            let places: Vec<usize> = (0..own.ncols()).filter(has_share).collect();
+            let own = own.select_columns(&places);
             let (first, last) = (own.row(0), own.row(steps - 1));
             let (before, after) = (own.rows(0, steps - 1), own.rows(1, steps - 1));
             let next = before.tr_mul(&after);
             Gram {
+                places,
                 all: own.tr_mul(&own),
                 ends: first.tr_mul(&first) + last.tr_mul(&last),
                 neighbours: &next + next.transpose(),
             }
         };
-        let grams = (0..units.len()).step_by(steps).map(gram).collect();
+        let grams = blocks.iter().map(gram).collect();
         let ln_units = units.iter().map(|unit| 2.0 * unit.ln()).sum();
-        Self { reciprocal, patterns, correlation: correlation.clone(), grams, steps, ln_units }
+        let correlation = correlation.clone();
+        Self { reciprocal, patterns, correlation, grams, blocks: blocks.to_vec(), ln_units }
     }
 
     /// Fill in the level of each observable, shape (observables,), and the variance of each pattern, shape
@@ -92,11 +108,17 @@ impl Patterns {
         let mut inner = DMatrix::zeros(count, count);
         for (gram, level) in self.grams.iter().zip(levels) {
             let (diagonal, ends, next) = level.tridiagonal();
-            inner.zip_zip_apply(&gram.all, &gram.neighbours, |sum, all, neighbours| {
-                *sum += diagonal * all + next * neighbours;
-            });
-            if ends != 0.0 {
-                inner.zip_apply(&gram.ends, |sum, value| *sum += ends * value);
+            for (own, &column) in gram.places.iter().enumerate() {
+                let mut sums = inner.column_mut(column);
+                let (all, next_to, at_ends) =
+                    (gram.all.column(own), gram.neighbours.column(own), gram.ends.column(own));
+                let products = all.iter().zip(&next_to).zip(&at_ends);
+                for (&place, ((all, neighbours), at_ends)) in gram.places.iter().zip(products) {
+                    sums[place] += diagonal * all + next * neighbours;
+                    if ends != 0.0 {
+                        sums[place] += ends * at_ends;
+                    }
+                }
             }
         }
         for (j, mut column) in inner.column_iter_mut().enumerate() {
@@ -130,12 +152,12 @@ impl Level {
 impl Filled<'_> {
     /// N⁻¹ x, both in units, shape (readings,).
     fn precise(&self, x: &[f64]) -> DVector<f64> {
-        let steps = self.of.steps;
         let mut y = DVector::zeros(x.len());
-        for (j, level) in self.levels.iter().enumerate() {
+        for (block, level) in self.of.blocks.iter().zip(&self.levels) {
             let (diagonal, ends, next) = level.tridiagonal();
-            let x = &x[j * steps..(j + 1) * steps];
-            let y = &mut y.as_mut_slice()[j * steps..(j + 1) * steps];
+            let steps = block.len();
+            let x = &x[block.clone()];
+            let y = &mut y.as_mut_slice()[block.clone()];
             for t in 0..steps {
                 let mut value = diagonal * x[t];
                 if t == 0 {
@@ -182,11 +204,12 @@ impl Filled<'_> {
         let precise = self.precise(unit.as_slice());
         let mut projected = self.root_transposed(self.of.patterns.tr_mul(&precise));
         self.factor.l_dirty().solve_lower_triangular_mut(&mut projected);
-        let steps = self.of.steps as f64;
-        let of_level =
-            |level: &Level| steps * level.variance.ln() + (steps - 1.0) * (1.0 - level.phi * level.phi).ln();
+        let of_level = |(level, block): (&Level, &Range<usize>)| {
+            let steps = block.len() as f64;
+            steps * level.variance.ln() + (steps - 1.0) * (1.0 - level.phi * level.phi).ln()
+        };
         let ln_det = self.of.ln_units
-            + self.levels.iter().map(of_level).sum::<f64>()
+            + self.levels.iter().zip(&self.of.blocks).map(of_level).sum::<f64>()
             + 2.0 * self.factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
         let n = residual.len() as f64;
         -0.5 * (unit.dot(&precise) - projected.norm_squared() + ln_det + n * std::f64::consts::TAU.ln())
@@ -221,16 +244,17 @@ impl Filled<'_> {
             self.factor.l_dirty().solve_lower_triangular_mut(&mut projected);
             column.copy_from(&projected);
         }
-        let steps = self.of.steps;
-        (0..readings)
-            .map(|i| {
-                let (diagonal, ends, _) = self.levels[i / steps].tridiagonal();
-                let t = i % steps;
-                let of_noise =
-                    diagonal + if t == 0 { ends } else { 0.0 } + if t + 1 == steps { ends } else { 0.0 };
+        let of_block = |(level, block): (&Level, &Range<usize>)| {
+            let (diagonal, ends, _) = level.tridiagonal();
+            let is_end = |i: usize, end: usize| if i == end { ends } else { 0.0 };
+            let columns = &columns;
+            let of_reading = move |i: usize| {
+                let of_noise = diagonal + is_end(i, block.start) + is_end(i + 1, block.end);
                 (of_noise - columns.column(i).norm_squared()) * self.of.reciprocal[i].powi(2)
-            })
-            .collect()
+            };
+            block.clone().map(of_reading).collect::<Vec<f64>>()
+        };
+        self.levels.iter().zip(&self.of.blocks).flat_map(of_block).collect()
     }
 }
 
@@ -240,8 +264,11 @@ mod tests {
 
     #[test]
     fn the_low_rank_density_is_that_of_the_whole_covariance() {
-        let patterns = DMatrix::from_fn(6, 3, |i, j| ((i * (j + 2)) as f64).sin());
+        let mut patterns = DMatrix::from_fn(6, 3, |i, j| ((i * (j + 2)) as f64).sin());
+        patterns.view_mut((0, 2), (4, 1)).fill(0.0);
         let units = [0.3, 0.2, 0.5, 1.0, 0.1, 0.7];
+        // Four readings of the first observable, which has no share in the last pattern, and two of the second.
+        let block = |i: usize| usize::from(i >= 4);
         let levels = [Level { variance: 1.7, phi: 0.6 }, Level { variance: 0.4, phi: 0.0 }];
         let variances = [2.0, 0.3, 0.5];
         let correlation = DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.6, 0.8]);
@@ -249,8 +276,8 @@ mod tests {
         let shared = 0.6 * (2.0f64 * 0.3).sqrt();
         let within = [2.0, shared, 0.0, shared, 0.3, 0.0, 0.0, 0.0, 0.5];
         let noise = DMatrix::from_fn(6, 6, |i, k| {
-            let level = levels[i / 3];
-            let correlation = if i / 3 == k / 3 { level.phi.powi(i.abs_diff(k) as i32) } else { 0.0 };
+            let level = levels[block(i)];
+            let correlation = if block(i) == block(k) { level.phi.powi(i.abs_diff(k) as i32) } else { 0.0 };
             level.variance * units[i] * units[k] * correlation
         });
         let whole = noise + &patterns * DMatrix::from_row_slice(3, 3, &within) * patterns.transpose();
@@ -258,7 +285,7 @@ mod tests {
         let factor = Cholesky::new(whole).unwrap();
         let expected =
             -0.5 * (r.dot(&factor.solve(&r)) + factor.determinant().ln() + 6.0 * std::f64::consts::TAU.ln());
-        let covariance = Patterns::new(&units, 3, &patterns, &correlation);
+        let covariance = Patterns::new(&units, &[0..4, 4..6], &patterns, &correlation);
         let filled = covariance.fill(&levels, &variances).unwrap();
         assert!((filled.ln_density(&residual) - expected).abs() < 1e-12);
         let column = DMatrix::from_column_slice(6, 1, &residual);
@@ -271,7 +298,12 @@ mod tests {
 
     #[test]
     fn one_step_has_no_neighbour() {
-        let covariance = Patterns::new(&[2.0], 1, &DMatrix::zeros(1, 0), &DMatrix::zeros(0, 0));
+        let covariance = Patterns::new(
+            &[2.0],
+            std::slice::from_ref(&(0..1)),
+            &DMatrix::zeros(1, 0),
+            &DMatrix::zeros(0, 0),
+        );
         let filled = covariance.fill(&[Level { variance: 1.0, phi: 0.0 }], &[]).unwrap();
         let expected = -0.5 * (0.25 + 4f64.ln() + std::f64::consts::TAU.ln());
         assert!((filled.ln_density(&[1.0]) - expected).abs() < 1e-12);

@@ -5,6 +5,7 @@ use std::str::FromStr;
 use anyhow::{Error, Result, bail};
 
 use crate::attribute::path::Path;
+use crate::attribute::test::Test;
 use gl_inference::prior::{normal_cdf, normal_quantile};
 
 /// How a measurement may be at fault. Sizes are given as shares of ranges: the observable's, or the
@@ -45,6 +46,16 @@ impl FromStr for Kind {
 }
 
 impl Kind {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Offset => "offset",
+            Self::Gain => "gain",
+            Self::Drift => "drift",
+            Self::Compliance => "compliance",
+            Self::Lag => "lag",
+        }
+    }
+
     /// Whether it moves the control, not an observable.
     fn is_of_control(self) -> bool {
         matches!(self, Self::Compliance | Self::Lag)
@@ -56,33 +67,40 @@ impl Kind {
 pub struct MeasurementEffect {
     /// What kind it is.
     pub kind: Kind,
-    /// The observable that it acts on; for compliance the load; 0 for a lag.
+    /// The test that it acts in.
+    pub test: usize,
+    /// The observable of the test that it acts on; for compliance the load; 0 for a lag.
     pub observable: usize,
-    /// Its name: `offset(q)`, `gain(q)`, `drift(q)`, `compliance`, `lag`.
+    /// Its name: `offset(q)`, `gain(q)`, `drift(q)`, `compliance`, `lag`; with tests `offset(tx100.q)`,
+    /// `compliance(tx100)`.
     pub name: String,
 }
 
 impl MeasurementEffect {
-    /// The effects of some kinds: one an observable, or one alone for those of the control.
+    /// The effects of some kinds on one test: one an observable, or one alone for those of the control.
     pub fn all(kinds: &[Kind], observables: &[String]) -> Vec<Self> {
-        let mut effects = Vec::new();
-        for &kind in kinds {
-            let word = match kind {
-                Kind::Offset => "offset",
-                Kind::Gain => "gain",
-                Kind::Drift => "drift",
-                Kind::Compliance => "compliance",
-                Kind::Lag => "lag",
-            };
-            if kind.is_of_control() {
-                effects.push(Self { kind, observable: 0, name: word.to_owned() });
-                continue;
-            }
-            for (observable, name) in observables.iter().enumerate() {
-                effects.push(Self { kind, observable, name: format!("{word}({name})") });
-            }
+        kinds.iter().flat_map(|&kind| Self::in_test(kind, 0, "", observables)).collect()
+    }
+
+    /// The effects of some kinds, each in one of several tests, whose observables stand behind each other.
+    pub fn of_tests(kinds: &[Kind], observables: &[String], tests: &[Test]) -> Vec<Self> {
+        let of = |&kind: &Kind| {
+            let tests = tests.iter().enumerate();
+            tests.flat_map(move |(place, test)| {
+                Self::in_test(kind, place, &test.name, &observables[test.observables.clone()])
+            })
+        };
+        kinds.iter().flat_map(of).collect()
+    }
+
+    fn in_test(kind: Kind, test: usize, name: &str, observables: &[String]) -> Vec<Self> {
+        let word = kind.word();
+        if kind.is_of_control() {
+            let name = if name.is_empty() { word.to_owned() } else { format!("{word}({name})") };
+            return vec![Self { kind, test, observable: 0, name }];
         }
-        effects
+        let named = observables.iter().enumerate();
+        named.map(|(observable, of)| Self { kind, test, observable, name: format!("{word}({of})") }).collect()
     }
 
     /// Its size for a standard normal `w`: normal of standard deviation 0.1 of the range, or the
@@ -95,7 +113,7 @@ impl MeasurementEffect {
         }
     }
 
-    /// Apply it at a size to a curve, shape (observables · steps), with the observables' ranges.
+    /// Apply it at a size to a curve of its test, shape (observables · steps), with the observables' ranges.
     pub fn apply(&self, size: f64, path: &Path, ranges: &[f64], curve: &mut [f64]) {
         let steps = path.control().len();
         let range = ranges[self.observable];

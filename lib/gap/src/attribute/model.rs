@@ -238,7 +238,9 @@ impl<'a> Model<'a> {
 
     fn measure(&self, mut curve: Vec<f64>, w: &[f64]) -> Vec<f64> {
         for (effect, &w) in self.measured.iter().zip(&w[self.free.len()..]) {
-            effect.apply(effect.size(w), &self.problem.path, &self.problem.ranges, &mut curve);
+            let test = &self.problem.tests[effect.test];
+            let ranges = &self.problem.ranges[test.observables.clone()];
+            effect.apply(effect.size(w), &test.path, ranges, &mut curve[test.readings.clone()]);
         }
         curve
     }
@@ -347,12 +349,12 @@ impl<'a> Model<'a> {
         });
         let scores = scores.unwrap_or_default();
         let mut far: Vec<usize> = Vec::new();
-        for (j, own) in scores.chunks_exact(self.problem.steps()).enumerate() {
+        for block in self.problem.blocks().into_iter().filter(|_| !scores.is_empty()) {
+            let own = &scores[block.clone()];
             let mut sorted = own.to_vec();
             sorted.sort_by(f64::total_cmp);
             let unit = 1.4826 * sorted[sorted.len() / 2];
-            let first = j * own.len();
-            far.extend((0..own.len()).filter(|&t| own[t] > OUTLYING * unit).map(|t| first + t));
+            far.extend(block.filter(|&i| scores[i] > OUTLYING * unit));
         }
         far.retain(|i| !self.outliers.contains(i));
         far.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));

@@ -1,13 +1,15 @@
 //! The question that every hypothesis answers: a measurement, and a simulation to explain it by.
 
+use std::ops::Range;
+
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::attribute::discrepancy::Smooth;
 use crate::attribute::gaussian::{Filled, Level, Patterns};
 use crate::attribute::hypothesis::Candidate;
-use crate::attribute::path::Path;
 use crate::attribute::predictor::Predictor;
+use crate::attribute::test::Test;
+use crate::noise::scale;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
 
@@ -19,31 +21,28 @@ pub struct Problem<'a> {
     pub prior: &'a Prior,
     /// What may explain the gap.
     pub candidates: Vec<Candidate>,
-    /// What was measured, shape (observables · steps).
+    /// What was measured, shape (readings,).
     pub observed: Vec<f64>,
     /// Range of each observable, shape (observables,).
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
-    /// Name of the control.
-    pub control_name: String,
-    /// The control.
-    pub path: Path,
+    /// The tests, each with its control.
+    pub tests: Vec<Test>,
     /// Whether a noise is stated, or else is estimated with the fit.
     pub is_noise_stated: bool,
-    /// The unit of the noise of every reading, shape (observables · steps): the stated standard deviation,
+    /// The unit of the noise of every reading, shape (readings,): the stated standard deviation,
     /// or the range of the observable.
     pub units: Vec<f64>,
     /// Share of the simulation's own scatter that the measurement has too.
     pub scatter: f64,
-    /// Smooth patterns of a discrepancy of one observable.
-    pub smooth: Smooth,
     /// Variance of each component by the simulation's scatter.
     component_scatter: Vec<f64>,
     /// Lower factor of the correlation of the components' errors.
     correlation: DMatrix<f64>,
-    /// What an effect of another form would be multiplied by.
-    form: Smooth,
+    /// Test of each observable, shape (observables,), and observable of each reading, shape (readings,).
+    test_of: Vec<usize>,
+    observable_of: Vec<usize>,
     /// All patterns of the covariance: the predictor's, and the smooth ones of each observable.
     patterns: DMatrix<f64>,
     /// The same with what they have in common with the noise.
@@ -63,6 +62,8 @@ const SMALL: f64 = 0.15;
 pub(crate) const HEAVY_TAILS: f64 = 2.0;
 
 impl<'a> Problem<'a> {
+    /// The question of one test.
+    ///
     /// * `noise` — standard deviations as stated, shape (observables, steps), or nothing to estimate them.
     /// * `scatter` — share of the simulation's scatter that the measurement has, not negative.
     ///
@@ -77,55 +78,74 @@ impl<'a> Problem<'a> {
         noise: Option<Vec<Vec<f64>>>,
         scatter: f64,
     ) -> Result<Self> {
-        let (observables, steps) = (observations.names.len(), observations.steps());
+        Self::of_tests(predictor, prior, candidates, (observations, Test::of(observations)), noise, scatter)
+    }
+
+    /// The same of several tests; the observations are those of all, as in a [`Stack`](gl_inference::stack::Stack).
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_tests(
+        predictor: &'a dyn Predictor,
+        prior: &'a Prior,
+        candidates: Vec<Candidate>,
+        (observations, tests): (&Observations, Vec<Test>),
+        noise: Option<Vec<Vec<f64>>>,
+        scatter: f64,
+    ) -> Result<Self> {
+        let readings = tests.last().map_or(0, |test| test.readings.end);
         ensure!(
-            predictor.centre().len() == observables * steps,
-            "{}: {} readings, but the simulation gives {}",
+            predictor.centre().len() == readings,
+            "{}: {readings} readings, but the simulation gives {}",
             observations.source,
-            observables * steps,
             predictor.centre().len()
         );
         ensure!(scatter >= 0.0, "--scatter {scatter}: give a share of at least 0");
-        let ranges = observations.ranges();
-        for (name, &range) in observations.names.iter().zip(&ranges) {
-            ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
-        }
+        let ranges = ranges(observations, &tests)?;
         let noise: Option<Vec<f64>> = noise.map(|noise| noise.concat());
         ensure!(
             noise.iter().flatten().all(|&sd| sd > 0.0),
             "{}: a noise of zero; give its standard deviation with --noise",
             observations.source
         );
-        let path = Path::new(&observations.control);
-        let smooth = Smooth::new(&path.places());
+        let test_of: Vec<usize> =
+            tests.iter().enumerate().flat_map(|(k, test)| vec![k; test.observables.len()]).collect();
+        let own: Vec<Range<usize>> =
+            test_of.iter().enumerate().map(|(j, &test)| tests[test].own(j)).collect();
+        let observable_of = own.iter().enumerate().flat_map(|(j, own)| vec![j; own.len()]).collect();
         let component_scatter = predictor.scatter();
         let components = component_scatter.len();
         let correlation = Cholesky::new(predictor.correlation())
             .context("the correlation of the components' errors is not positive definite")?
             .unpack();
-        let mut patterns = DMatrix::zeros(observables * steps, components + observables * smooth.len());
+        let smooth = |j: usize| &tests[test_of[j]].smooth;
+        let all = components + (0..own.len()).map(|j| smooth(j).len()).sum::<usize>();
+        let mut patterns = DMatrix::zeros(readings, all);
         patterns.columns_mut(0, components).copy_from(predictor.basis());
-        for j in 0..observables {
-            patterns
-                .view_mut((j * steps, components + j * smooth.len()), (steps, smooth.len()))
-                .copy_from(&smooth.patterns);
+        let mut first = components;
+        for (j, own) in own.iter().enumerate() {
+            let shape = (own.len(), smooth(j).len());
+            patterns.view_mut((own.start, first), shape).copy_from(&smooth(j).patterns);
+            first += smooth(j).len();
         }
         let roots = DVector::from_iterator(components, component_scatter.iter().map(|tau| tau.sqrt()));
         let scattered = predictor.basis() * DMatrix::from_diagonal(&roots) * &correlation;
-        let scatter_variance = (0..observables)
-            .map(|j| scatter * scattered.rows(j * steps, steps).norm_squared() / steps as f64)
+        let scatter_variance = own
+            .iter()
+            .map(|own| scatter * scattered.rows(own.start, own.len()).norm_squared() / own.len() as f64)
             .collect();
         let is_noise_stated = noise.is_some();
-        let units = noise.unwrap_or_else(|| ranges.iter().flat_map(|&range| vec![range; steps]).collect());
-        let covariance = Patterns::new(&units, steps, &patterns, &correlation);
-        let left_over = (0..observables)
-            .map(|j| {
-                let own = j * steps..(j + 1) * steps;
+        let units = noise.unwrap_or_else(|| {
+            own.iter().zip(&ranges).flat_map(|(own, &range)| vec![range; own.len()]).collect()
+        });
+        let covariance = Patterns::new(&units, &own, &patterns, &correlation);
+        let left_over = own
+            .iter()
+            .map(|own| {
                 let rest: f64 = predictor.left_over()[own.clone()].iter().sum();
-                HEAVY_TAILS * rest / units[own].iter().map(|unit| unit * unit).sum::<f64>()
+                HEAVY_TAILS * rest / units[own.clone()].iter().map(|unit| unit * unit).sum::<f64>()
             })
             .collect();
-        let form = Smooth::of_form(&path.places());
         Ok(Self {
             predictor,
             prior,
@@ -133,15 +153,14 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
-            control_name: observations.control_name.clone(),
-            path,
+            tests,
             is_noise_stated,
             units,
             scatter,
-            smooth,
+            test_of,
+            observable_of,
             component_scatter,
             correlation,
-            form,
             patterns,
             covariance,
             left_over,
@@ -149,9 +168,37 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Number of steps.
-    pub fn steps(&self) -> usize {
-        self.path.control().len()
+    /// The test of an observable.
+    pub fn test_of(&self, observable: usize) -> &Test {
+        &self.tests[self.test_of[observable]]
+    }
+
+    /// The observable of a reading.
+    pub fn observable_of(&self, reading: usize) -> usize {
+        self.observable_of[reading]
+    }
+
+    /// The readings of an observable.
+    pub fn own(&self, observable: usize) -> Range<usize> {
+        self.test_of(observable).own(observable)
+    }
+
+    /// Steps of an observable in words: its name, and where they are on its control.
+    pub fn told(&self, observable: usize, steps: &Range<usize>) -> String {
+        let test = self.test_of(observable);
+        format!("{} {}", self.observables[observable], test.path.told(&test.control_name, steps))
+    }
+
+    /// How much a reading counts in a gap over all of them, in which each observable counts alike: 1 where all have as
+    /// many readings.
+    pub fn counts(&self, reading: usize) -> f64 {
+        let own = self.own(self.observable_of[reading]).len();
+        self.observed.len() as f64 / (self.ranges.len() * own) as f64
+    }
+
+    /// The readings of each observable.
+    pub fn blocks(&self) -> Vec<Range<usize>> {
+        (0..self.ranges.len()).map(|j| self.own(j)).collect()
     }
 
     /// A factor of the covariance of the emulator's error at the variances of its components, with
@@ -167,8 +214,8 @@ impl<'a> Problem<'a> {
     /// A factor of the covariance of noise and scatter, in the same shape; `scales` are those of the noise, in
     /// its units, shape (observables,).
     pub fn measurement_errors(&self, scales: &[f64]) -> DMatrix<f64> {
-        let steps = self.steps();
-        let sd: Vec<f64> = self.units.iter().enumerate().map(|(i, unit)| scales[i / steps] * unit).collect();
+        let sd: Vec<f64> =
+            self.units.iter().zip(&self.observable_of).map(|(unit, &j)| scales[j] * unit).collect();
         let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
         self.factor(&variance, &sd)
     }
@@ -187,25 +234,32 @@ impl<'a> Problem<'a> {
     }
 
     /// The patterns of the covariance of a model that has more of them than all have: errors of the form of an
-    /// effect that adds this to the curve, shape (observables · steps), and readings that are far off.
+    /// effect that adds this to the curve, shape (readings,), and readings that are far off.
     pub fn patterns_with(&self, added: Option<&[f64]>, outliers: &[usize]) -> Patterns {
-        let steps = self.steps();
-        let forms = if added.is_some() { self.ranges.len() * self.form.len() } else { 0 };
+        let blocks = self.blocks();
+        let forms: usize = match added {
+            Some(_) => (0..blocks.len()).map(|j| self.test_of(j).form.len()).sum(),
+            None => 0,
+        };
         let own = self.patterns.ncols();
         let mut patterns = DMatrix::zeros(self.observed.len(), own + forms + outliers.len());
         patterns.columns_mut(0, own).copy_from(&self.patterns);
         if let Some(added) = added {
-            for (i, y) in added.iter().enumerate() {
-                let first = own + i / steps * self.form.len();
-                for k in 0..self.form.len() {
-                    patterns[(i, first + k)] = y * self.form.patterns[(i % steps, k)];
+            let mut first = own;
+            for (j, block) in blocks.iter().enumerate() {
+                let form = &self.test_of(j).form;
+                for (t, i) in block.clone().enumerate() {
+                    for k in 0..form.len() {
+                        patterns[(i, first + k)] = added[i] * form.patterns[(t, k)];
+                    }
                 }
+                first += form.len();
             }
         }
         for (k, &reading) in outliers.iter().enumerate() {
             patterns[(reading, own + forms + k)] = self.units[reading];
         }
-        Patterns::new(&self.units, steps, &patterns, &self.correlation)
+        Patterns::new(&self.units, &blocks, &patterns, &self.correlation)
     }
 
     /// Use the covariance at nuisances and the variances of the components; `more` are the patterns of
@@ -229,21 +283,25 @@ impl<'a> Problem<'a> {
             let unit = self.spread(j, &nuisances.scales).powi(2);
             let amplitude = nuisances.amplitudes.get(j).copied().unwrap_or(0.0);
             let share = (SMALL * SMALL + amplitude * amplitude) * unit;
-            variances.extend(self.smooth.variances.iter().map(|variance| share * variance));
+            variances.extend(self.test_of(j).smooth.variances.iter().map(|variance| share * variance));
         }
         if let Some(form) = nuisances.form {
-            for _ in 0..self.ranges.len() {
-                variances.extend(self.form.variances.iter().map(|variance| form * form * variance));
+            for j in 0..self.ranges.len() {
+                variances
+                    .extend(self.test_of(j).form.variances.iter().map(|variance| form * form * variance));
             }
         }
         let of_noise = |j: usize| nuisances.scales[j].powi(2) + self.left_over[j];
         let outliers = more.map_or(&[] as &[usize], |(_, outliers)| outliers);
-        variances.extend(outliers.iter().map(|i| FAR_OFF * FAR_OFF * of_noise(i / self.steps())));
+        variances.extend(outliers.iter().map(|i| FAR_OFF * FAR_OFF * of_noise(self.observable_of[*i])));
         let levels: Vec<Level> = nuisances
             .phi
             .iter()
             .enumerate()
-            .map(|(j, &phi)| Level { variance: of_noise(j), phi: if self.steps() > 1 { phi } else { 0.0 } })
+            .map(|(j, &phi)| Level {
+                variance: of_noise(j),
+                phi: if self.own(j).len() > 1 { phi } else { 0.0 },
+            })
             .collect();
         let patterns = more.map_or(&self.covariance, |(patterns, _)| patterns);
         Ok(visit(&patterns.fill(&levels, &variances)?))
@@ -251,11 +309,25 @@ impl<'a> Problem<'a> {
 
     /// Root-mean-square of noise and scatter of an observable; `scales` are those of the noise, in its units.
     pub fn spread(&self, observable: usize, scales: &[f64]) -> f64 {
-        let steps = self.steps();
-        let own = &self.units[observable * steps..(observable + 1) * steps];
-        let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / steps as f64;
+        let own = &self.units[self.own(observable)];
+        let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64;
         (noise + self.scatter_variance[observable]).sqrt()
     }
+}
+
+/// What the errors of each observable are measured against, shape (observables,): its range, or its size where one of
+/// several tests has a single reading of it.
+fn ranges(observations: &Observations, tests: &[Test]) -> Result<Vec<f64>> {
+    let mut ranges = observations.ranges();
+    for test in tests.iter().filter(|test| !test.name.is_empty() && test.steps() == 1) {
+        for j in test.observables.clone() {
+            ranges[j] = scale(&observations.values[j]);
+        }
+    }
+    for (name, &range) in observations.names.iter().zip(&ranges) {
+        ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
+    }
+    Ok(ranges)
 }
 
 /// What changes the covariance and not the curve.

@@ -12,7 +12,7 @@ use crate::attribute::problem::Problem;
 /// What is left over, as smooth as the rest is taken to be.
 #[derive(Clone, Debug)]
 pub struct Rest {
-    /// Measured minus predicted, without what is noise, shape (observables · steps).
+    /// Measured minus predicted, without what is noise, shape (readings,).
     pub curve: Vec<f64>,
     /// Standard deviation of noise and scatter of each observable.
     pub spread: Vec<f64>,
@@ -46,11 +46,10 @@ impl Rest {
     /// The observable and the steps where most of it is, for the noise there: the shortest stretch that holds
     /// four fifths of its square in the observable with the most.
     pub fn place(&self, problem: &Problem<'_>) -> (usize, Range<usize>) {
-        let steps = problem.steps();
-        let square = |j: usize, t: usize| (self.curve[j * steps + t] / self.spread[j]).powi(2);
-        let sum = |j: usize| (0..steps).map(|t| square(j, t)).sum::<f64>();
+        let square = |j: usize, t: usize| (self.curve[problem.own(j).start + t] / self.spread[j]).powi(2);
+        let sum = |j: usize| (0..problem.own(j).len()).map(|t| square(j, t)).sum::<f64>();
         let most = (0..self.spread.len()).max_by(|&a, &b| sum(a).total_cmp(&sum(b))).unwrap_or(0);
-        let wanted = 0.8 * sum(most);
+        let (wanted, steps) = (0.8 * sum(most), problem.own(most).len());
         let mut best = 0..steps;
         let (mut start, mut held) = (0, 0.0);
         for end in 0..steps {
@@ -95,12 +94,12 @@ pub fn goes_with(problem: &Problem<'_>, of: &Explanation) -> Result<Vec<GoesWith
     let w = &of.best()[..model.len()];
     let (mean, slopes) = model.gradient(w);
     let residual = model.residual(&mean);
-    let (readings, steps) = (residual.len(), problem.steps());
+    let readings = residual.len();
     let none = vec![0.0; problem.predictor.basis().ncols()];
     let mut all = Vec::new();
     for j in 0..problem.ranges.len() {
         let shapes = shapes(problem, &mean, j);
-        let own = j * steps..(j + 1) * steps;
+        let own = problem.own(j);
         let mut columns = DMatrix::zeros(readings, 1 + shapes.len());
         for i in own.clone().filter(|i| !of.outliers.contains(i)) {
             columns[(i, 0)] = residual[i];
@@ -133,8 +132,8 @@ struct Shape {
 
 /// What a rest of an observable may go with.
 fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> {
-    let steps = problem.steps();
-    let path = &problem.path;
+    let test = problem.test_of(observable);
+    let (steps, path) = (test.steps(), &test.path);
     let control = path.control();
     let last = steps.saturating_sub(1);
     let travelled = path.travelled();
@@ -170,7 +169,7 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
             (0..steps).map(since_turn).collect(),
         );
     }
-    let own = &mean[observable * steps..(observable + 1) * steps];
+    let own = &mean[problem.own(observable)];
     let rate = |t: usize| {
         let (before, after) = (t.saturating_sub(1), (t + 1).min(last));
         let way = travelled[after] - travelled[before];
@@ -181,8 +180,8 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
         "a lag of the recording or viscous damping",
         (0..steps).map(rate).collect(),
     );
-    for (k, name) in problem.observables.iter().enumerate() {
-        let level = &mean[k * steps..(k + 1) * steps];
+    for k in test.observables.clone() {
+        let (name, level) = (&problem.observables[k], &mean[problem.own(k)]);
         add(
             &format!("the level of {name}"),
             "a gain of the sensor, a compliance or adhesion",

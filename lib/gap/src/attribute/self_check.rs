@@ -10,6 +10,7 @@ use crate::attribute::diagnosis::emulate;
 use crate::attribute::hypothesis::{Candidate, name};
 use crate::attribute::mode::standard_normal;
 use crate::attribute::problem::Problem;
+use crate::attribute::test::Test;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
@@ -55,7 +56,7 @@ pub struct Design<'a> {
 /// If there are not so many runs, or the rest is too few for an emulator.
 pub fn self_check(
     design: &Design<'_>,
-    observations: &Observations,
+    (observations, tests): (&Observations, &[Test]),
     noise: &[Vec<f64>],
     largest: usize,
     count: usize,
@@ -105,11 +106,11 @@ pub fn self_check(
                 }
             }
             let candidates = design.candidates.to_vec();
-            let problem = Problem::new(
+            let problem = Problem::of_tests(
                 &emulator,
                 design.prior,
                 candidates,
-                &measured,
+                (&measured, tests.to_vec()),
                 Some(noise.to_vec()),
                 design.scatter,
             )?;

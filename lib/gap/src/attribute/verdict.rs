@@ -45,7 +45,7 @@ pub fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
     }
     let errors = problem.emulator_errors(&model.curve(w).variance);
     let square =
-        |i: usize| errors.row(i).norm_squared() / problem.spread(i / problem.steps(), &scales).powi(2);
+        |i: usize| errors.row(i).norm_squared() / problem.spread(problem.observable_of(i), &scales).powi(2);
     ((0..errors.nrows()).map(square).sum::<f64>() / errors.nrows() as f64).sqrt()
 }
 
@@ -235,11 +235,7 @@ fn rest_places(problem: &Problem<'_>, of: &Explanation) -> String {
     let rest = crate::attribute::rest::rest(problem, of);
     rest.map_or_else(String::new, |rest| {
         let (observable, stretch) = rest.place(problem);
-        format!(
-            ", in {} {}",
-            problem.observables[observable],
-            problem.path.told(&problem.control_name, &stretch)
-        )
+        format!(", in {}", problem.told(observable, &stretch))
     })
 }
 
@@ -269,10 +265,10 @@ fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation
             );
         }
     }
-    let steps = problem.steps();
     for (j, name) in problem.observables.iter().enumerate() {
-        let own = first.outliers.iter().filter(|i| **i / steps == j);
-        let readings: Vec<String> = own.map(|i| (i % steps).to_string()).collect();
+        let block = problem.own(j);
+        let own = first.outliers.iter().filter(|i| block.contains(i));
+        let readings: Vec<String> = own.map(|i| (i - block.start).to_string()).collect();
         let Some((last, others)) = readings.split_last() else { continue };
         let text = if others.is_empty() {
             format!("reading {last} of {name} looks like an outlier, and counts for little (the first is 0)")
@@ -325,12 +321,11 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
         );
     }
     if let Some(at) = difference(problem, of_first, rival) {
-        verdicts.add("measure-at", &at.observable, format!(
-            "{} and {} differ most in {} {}, by {:.1} standard deviations of a reading: measure there again, or beyond",
+        verdicts.add("measure-at", &problem.observables[at.observable], format!(
+            "{} and {} differ most in {}, by {:.1} standard deviations of a reading: measure there again, or beyond",
             of_first.name,
             rival.name,
-            at.observable,
-            problem.path.told(&problem.control_name, &at.steps),
+            problem.told(at.observable, &at.steps),
             at.height
         ));
     }
