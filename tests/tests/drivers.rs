@@ -438,7 +438,8 @@ fn forms(table: &str) -> Vec<(&'static str, String)> {
 #[test]
 fn every_form_of_the_tables_gives_the_same_bytes() {
     let folder = Folder::default();
-    copy_case(&folder, "contact-effects", &[("num", "20"), ("iterations", "2"), ("design_num", "60")]);
+    let quick = [("num", "20"), ("iterations", "2"), ("design_num", "60"), ("max_effects", "1")];
+    copy_case(&folder, "contact-effects", &quick);
     let tables_in = ["case/params.txt", "case/obs.txt"].map(|file| (file, folder.read(file)));
     let mut first: Option<BTreeMap<PathBuf, Vec<u8>>> = None;
     for (i, (form, _)) in forms("").into_iter().enumerate() {
@@ -458,6 +459,10 @@ fn every_form_of_the_tables_gives_the_same_bytes() {
         found.retain(|file, _| {
             !matches!(file.extension().and_then(|ending| ending.to_str()), Some("md" | "html"))
         });
+        // So does what is said of a bound.
+        for bytes in found.iter_mut().filter(|(file, _)| file.ends_with("attribution-verdict.txt")) {
+            *bytes.1 = text(bytes.1).replace(&made, "made").into_bytes();
+        }
         let expected = first.get_or_insert_with(|| found.clone());
         assert_eq!(expected.keys().collect::<Vec<_>>(), found.keys().collect::<Vec<_>>(), "{form}");
         for (file, bytes) in expected {
