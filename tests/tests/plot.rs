@@ -308,6 +308,24 @@ fn an_emulator_is_held_against_the_runs() {
     assert!(has_text(&svg, "error / sd") && has_text(&svg, "simulated f"));
 }
 
+const LOO: &str = "observable step control measured q05 q25 q50 q75 q95 pit k\n\
+    q 0 0 1.1 0.8 0.9 1 1.1 1.2 0.75 0.1\nq 1 1 2.4 1.8 1.9 2 2.1 2.2 0.99 -\nf 0 0 5 4 4.5 5 5.5 6 0.5 0.2\n";
+
+#[test]
+fn readings_beyond_what_the_others_predict_stand_out_and_their_places_are_counted() {
+    let folder = Tables::with(&[("loo.txt", LOO)]);
+    let svg = folder.svg("predictive -c u --units u=mm,q=kPa loo.txt");
+    assert_eq!(count(&svg, "panel"), 4);
+    assert!(has_text(&svg, "u (mm)") && has_text(&svg, "q less the median (kPa)"));
+    assert!(has_text(&svg, "1 of 2 in the 90 % band, 1 in the 50 % band"));
+    assert!(has_text(&svg, "1 of 1 in the 90 % band, 1 in the 50 % band"));
+    let back = LOO.replace("f 0 0", "q 2 0.5");
+    let svg = Tables::with(&[("loo.txt", &back)]).svg("predictive -c u loo.txt");
+    assert!(has_text(&svg, "step") && !has_text(&svg, "u"));
+    let message = Tables::with(&[("loo.txt", &LOO.replace("0.99", "x"))]).error("predictive loo.txt");
+    assert!(message.contains("loo.txt:3: column pit"), "{message}");
+}
+
 const GAP: &str = "observable from to gap gap_sd z share significant steps\nq 0 2 0.1 1 0.1 0.01 no 0:3\nq 2 9 3 0.5 6 0.71 yes 3:10\nf 0 9 1 1 1 0.1 no 0:10\n";
 
 #[test]
@@ -541,6 +559,7 @@ fn a_table_without_rows_is_an_error() {
         ("gap.txt", "observable from to gap gap_sd z share significant\n"),
         ("attribution.txt", "hypothesis probability\n"),
         ("proposal.txt", "weight mean(a)\n"),
+        ("loo.txt", "observable step control measured q05 q25 q50 q75 q95 pit k\n"),
     ]);
     for arguments in [
         "fit -b obs.txt ensemble.txt",
@@ -550,6 +569,7 @@ fn a_table_without_rows_is_an_error() {
         "gap gap.txt",
         "attribution attribution.txt",
         "proposal proposal.txt",
+        "predictive loo.txt",
         "emulator -e ensemble.txt ensemble.txt",
     ] {
         let message = folder.error(arguments);

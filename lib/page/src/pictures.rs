@@ -64,6 +64,27 @@ impl Calibration {
         draw(caption, case.ensembles(call, &self.folder))
     }
 
+    /// Each reading against what the others predict of it, where that was found.
+    ///
+    /// # Errors
+    /// If gl-plot fails.
+    pub fn predictive(&self, case: &Case) -> Result<Option<Picture>> {
+        let table = self.last().join("loo.txt");
+        if !table.exists() {
+            return Ok(None);
+        }
+        // Several tests have a control each.
+        let control = if case.tests.is_empty() { case.control.as_str() } else { "" };
+        let call = Call::new("gl-plot").with(["predictive"]).option("-c", control);
+        let call = call.option("--units", &case.units).with([table.display().to_string()]);
+        draw(
+            "Each reading less the median of what the posterior without it predicts, noise included; and how many of \
+             them lie how high in what is predicted. If all is right the bars are even, but for chance.",
+            call,
+        )
+        .map(Some)
+    }
+
     /// The posterior and how it came about.
     ///
     /// # Errors

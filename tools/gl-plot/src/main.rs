@@ -8,6 +8,7 @@ mod history;
 mod input;
 mod pairs;
 mod posterior;
+mod predictive;
 mod proposal;
 
 use std::io::Write;
@@ -41,6 +42,7 @@ gl-plot KIND --help has an example for each kind.";
 enum Picture {
     Fit(fit::Fit),
     Posterior(posterior::Posterior),
+    Predictive(predictive::Predictive),
     Pairs(pairs::Pairs),
     History(history::History),
     Proposal(proposal::Proposal),
@@ -125,6 +127,7 @@ fn run(args: &Args) -> Result<()> {
     let scene = match &args.picture {
         Picture::Fit(fit) => fit.draw(&args.style)?,
         Picture::Posterior(posterior) => posterior.draw(&args.style)?,
+        Picture::Predictive(predictive) => predictive.draw(&args.style)?,
         Picture::Pairs(pairs) => pairs.draw(&args.style)?,
         Picture::History(history) => history.draw(&args.style)?,
         Picture::Proposal(proposal) => proposal.draw(&args.style)?,
