@@ -104,6 +104,8 @@ struct Gap {
 struct Cause {
     verdict: Vec<Sentence>,
     picture: Picture,
+    /// The curves of the most probable hypotheses; none where a diagnosis left none.
+    curves: Option<Picture>,
     design_runs: usize,
     hypotheses: usize,
     first: Grid,
@@ -353,6 +355,7 @@ impl Cause {
         Ok(Some(Self {
             verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
             picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
+            curves: pictures::hypotheses(case, &out.join("curves.txt"))?,
             design_runs: rows(&design.join("samples.txt"))?,
             hypotheses: rows(&hypotheses)?,
             first: Grid::read(&hypotheses, MOST_HYPOTHESES)?,

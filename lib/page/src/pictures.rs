@@ -165,6 +165,24 @@ pub fn attribution(effects: &Path, hypotheses: &Path) -> Result<Picture> {
     draw("How probable each hypothesis and each effect is.", call.with([hypotheses.display().to_string()]))
 }
 
+/// What each of the most probable hypotheses makes of the measurement, where their curves are known.
+///
+/// # Errors
+/// If gl-plot fails.
+pub fn hypotheses(case: &Case, curves: &Path) -> Result<Option<Picture>> {
+    if !curves.exists() {
+        return Ok(None);
+    }
+    let call = Call::new("gl-plot").with(["hypotheses"]).file("-b", &case.obs);
+    let call = call.option("--noise", &case.noise).option("--units", &case.units);
+    draw(
+        "The base model and the most probable hypotheses, each by its mean curve over what remains possible, with its \
+         probability; and what each leaves of the measurement.",
+        call.with([curves.display().to_string()]),
+    )
+    .map(Some)
+}
+
 /// The emulator against the runs of a design.
 ///
 /// # Errors

@@ -1,10 +1,12 @@
 //! Draw the tables of a calibration and of a diagnosis, as SVG, PDF or PNG.
 
 mod attribution;
+mod branches;
 mod emulator;
 mod fit;
 mod gap;
 mod history;
+mod hypotheses;
 mod input;
 mod pairs;
 mod posterior;
@@ -49,6 +51,7 @@ enum Picture {
     Emulator(emulator::Emulator),
     Gap(gap::Gap),
     Attribution(attribution::Attribution),
+    Hypotheses(hypotheses::Hypotheses),
 }
 
 /// What every picture has.
@@ -134,6 +137,7 @@ fn run(args: &Args) -> Result<()> {
         Picture::Emulator(emulator) => emulator.draw(&args.style)?,
         Picture::Gap(gap) => gap.draw(&args.style)?,
         Picture::Attribution(attribution) => attribution.draw(&args.style)?,
+        Picture::Hypotheses(hypotheses) => hypotheses.draw(&args.style)?,
     };
     let bytes = match kind {
         Kind::Svg => svg::render(&scene).into_bytes(),

@@ -11,6 +11,7 @@ use gl_figure::scene::{Paint, Rect, Scene, color};
 use gl_inference::loo::{Count, Histogram, Reading};
 use gl_table::Table;
 
+use crate::branches::{ABOVE, Branches};
 use crate::input::check_panels;
 use crate::{Style, Units};
 
@@ -43,6 +44,8 @@ struct Own<'a> {
     /// Value of the control, or number of the step where the control turns back.
     x: Vec<f64>,
     along: Label,
+    /// Where the control turns back, and the number of the first step.
+    branches: (Branches, usize),
     unit: Option<String>,
 }
 
@@ -81,18 +84,19 @@ impl Predictive {
     fn own<'a>(&self, name: &'a str, readings: &'a [Reading]) -> Own<'a> {
         let readings: Vec<&Reading> = readings.iter().filter(|reading| reading.observable == name).collect();
         let control: Vec<f64> = readings.iter().map(|reading| reading.control).collect();
-        let is_monotone = |sign: f64| control.windows(2).all(|pair| sign * (pair[1] - pair[0]) >= 0.0);
+        let branches = Branches::of(&control);
         // An observable of one of several tests is called test.observable, and has the unit of the observable.
         let unit = self
             .units
             .get(name)
             .or_else(|| self.units.get(name.split_once('.').map_or(name, |(_, own)| own)));
-        let (x, along) = if is_monotone(1.0) || is_monotone(-1.0) {
-            (control, Label { name: self.control.clone(), unit: self.units.get(&self.control) })
-        } else {
+        let (x, along) = if branches.turns() {
             (readings.iter().map(|reading| reading.step as f64).collect(), Label::new("step"))
+        } else {
+            (control, Label { name: self.control.clone(), unit: self.units.get(&self.control) })
         };
-        Own { name, readings, x, along, unit }
+        let first = readings.first().map_or(0, |reading| reading.step as usize);
+        Own { name, readings, x, along, branches: (branches, first), unit }
     }
 }
 
@@ -125,12 +129,14 @@ impl Own<'_> {
 
         let x = Span::of(self.x.iter().copied()).padded(0.03);
         let x = Axis::horizontal(x, self.along.clone(), right - left);
-        let top = figure.y + 4.0;
+        let (branches, first) = &self.branches;
+        let top = figure.y + 4.0 + if branches.turns() { ABOVE } else { 0.0 };
         let rect = Rect::new(left, top, right, top + height);
         let name = format!("readings of {} against what the others predict", self.name);
         let mut panel = Panel::new(name, rect, x, y).beside(beside);
         panel.band("90 % band", &self.x, &ends[0], &ends[1], wide());
         panel.band("50 % band", &self.x, &ends[2], &ends[3], narrow());
+        branches.mark(&mut panel, *first);
         panel.horizontal("median", 0.0, Paint::line(color::BLUE, 0.6));
         for (is_inside, dot) in [(true, inside(measured.len())), (false, outside(measured.len()))] {
             let points = self.x.iter().zip(&measured).zip(&self.readings);

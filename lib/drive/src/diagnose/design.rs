@@ -99,6 +99,7 @@ impl Diagnosis<'_> {
             "predicted-shrink.txt",
             "posterior.txt",
             "rest.txt",
+            "curves.txt",
             "attribution-verdict.txt",
             "attribution.log",
         ] {
@@ -299,6 +300,7 @@ impl Round<'_> {
             .flag("--predict-shrink", self.file("predicted-shrink.txt"))
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
+            .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(last_runs(self.diagnosis.runs()?)))
             .flag("--name", format!("{}-design", case.name))
