@@ -51,7 +51,7 @@ a_calibration_becomes_one_file_with_its_pictures() {
     needs python3 python3
     with_calibration
     same "$(gl-report case --out made)" made/report.html
-    with_everything_in made/report.html 5
+    with_everything_in made/report.html 6
     grep -q '2 iterations made 40 runs, of which 0 failed' made/report.html
     grep -q '<pre>gl-calibrate case --engine embedded --out made num=20 iterations=2</pre>' made/report.html
     grep -q 'off in the calibration: w tau plastic' made/report.html
@@ -64,19 +64,23 @@ a_calibration_becomes_one_file_with_its_pictures() {
     same "$(grep -cE 'make [a-z]+ CASE' made/report.html)" 0
 }
 
-# The runs themselves have a history along the steps, draws through an emulator have none.
-weights_of_the_runs_have_a_picture_more_than_draws() {
+# The runs themselves have a history along the steps; draws through an emulator have none, but predict each reading
+# from the others.
+weights_of_the_runs_have_a_history_and_draws_a_prediction_of_each_reading() {
     needs python3 python3
     cp -r "$ROOT/examples/contact-effects" case
     gl-calibrate case num=20 iterations=2 posterior=runs --out made >log 2>&1
     gl-report case --out made >log
     with_everything_in made/report.html 6
     grep -q 'The weight of each run against each parameter' made/report.html
+    same "$(grep -c 'gl-plot predictive' made/report.html)" 0
     rm -r made
     gl-calibrate case num=20 iterations=2 --out made >log 2>&1
     gl-report case --out made >log
     grep -q 'The posterior is one of draws through an emulator of the runs' made/report.html
     grep -q -- '-w made/posterior-runs-weights.txt made/ensemble.txt -o' made/report.html
+    grep -q 'gl-plot predictive -c u .* made/iter1/loo.txt -o' made/report.html
+    grep -qE '<li>[0-9]+ of 162 readings lie in the (90|50) % band that the others predict for them' made/report.html
 }
 
 the_commands_of_the_pictures_draw_them() {
@@ -164,7 +168,7 @@ names_cannot_break_the_page() {
     with_calibration
     mv case 'a<b>&"c'
     gl-report 'a<b>&"c' --out made >log
-    with_everything_in made/report.html 5
+    with_everything_in made/report.html 6
     grep -q '<h1>a&lt;b&gt;&amp;&quot;c</h1>' made/report.html
     same "$(grep -c '<b>' made/report.html)" 0
 }
@@ -178,8 +182,8 @@ a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
     grep -q 'seed 3' made/report.md
     grep -q 'seed 3' made/report.html
     grep -q 'gl-diagnose case --engine embedded --out made num=20 seed=3 design_num=60 iterations=2' made/report.html
-    # Six more for the calibration with the effect in, if one was found.
-    with_everything_in made/report.html $((9 + 6 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
+    # Seven more for the calibration with the effect in, if one was found.
+    with_everything_in made/report.html $((11 + 7 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
 }
 
 # A verdict says by its code what it means; its words may be any.

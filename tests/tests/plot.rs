@@ -308,6 +308,24 @@ fn an_emulator_is_held_against_the_runs() {
     assert!(has_text(&svg, "error / sd") && has_text(&svg, "simulated f"));
 }
 
+const LOO: &str = "observable step control measured q05 q25 q50 q75 q95 pit k\n\
+    q 0 0 1.1 0.8 0.9 1 1.1 1.2 0.75 0.1\nq 1 1 2.4 1.8 1.9 2 2.1 2.2 0.99 -\nf 0 0 5 4 4.5 5 5.5 6 0.5 0.2\n";
+
+#[test]
+fn readings_beyond_what_the_others_predict_stand_out_and_their_places_are_counted() {
+    let folder = Tables::with(&[("loo.txt", LOO)]);
+    let svg = folder.svg("predictive -c u --units u=mm,q=kPa loo.txt");
+    assert_eq!(count(&svg, "panel"), 4);
+    assert!(has_text(&svg, "u (mm)") && has_text(&svg, "q less the median (kPa)"));
+    assert!(has_text(&svg, "1 of 2 in the 90 % band, 1 in the 50 % band"));
+    assert!(has_text(&svg, "1 of 1 in the 90 % band, 1 in the 50 % band"));
+    let back = LOO.replace("f 0 0", "q 2 0.5");
+    let svg = Tables::with(&[("loo.txt", &back)]).svg("predictive -c u loo.txt");
+    assert!(has_text(&svg, "step") && !has_text(&svg, "u"));
+    let message = Tables::with(&[("loo.txt", &LOO.replace("0.99", "x"))]).error("predictive loo.txt");
+    assert!(message.contains("loo.txt:3: column pit"), "{message}");
+}
+
 const GAP: &str = "observable from to gap gap_sd z share significant steps\nq 0 2 0.1 1 0.1 0.01 no 0:3\nq 2 9 3 0.5 6 0.71 yes 3:10\nf 0 9 1 1 1 0.1 no 0:10\n";
 
 #[test]
@@ -340,6 +358,42 @@ fn where_the_control_turns_back_a_gap_is_drawn_along_the_steps() {
     let back = "observable from to gap gap_sd z share significant steps\nq 0 5 0 1 0.1 0 no 0:6\nq 4 0 3 1 6 1 yes 6:11\n";
     let svg = Tables::with(&[("gap.txt", back)]).svg("gap -c strain gap.txt");
     assert!(has_text(&svg, "step") && !has_text(&svg, "strain"));
+    assert_eq!(series(&svg, "turning point"), 0);
+}
+
+/// The control of a measurement that is loaded, unloaded and loaded again, and its gap.
+fn cycles() -> Tables {
+    let path: Vec<u32> = (0..=20).chain((5..20).rev()).chain(6..=30).collect();
+    let table = |head: &str, name: &str, force: &dyn Fn(u32) -> f64| {
+        let rows = path.iter().enumerate().map(|(t, &u)| {
+            if name.is_empty() {
+                format!("{u} {}\n", force(u))
+            } else {
+                format!("{name} {t} {u} {}\n", force(u))
+            }
+        });
+        format!("{head}\n{}", rows.collect::<String>())
+    };
+    let back = "observable from to gap gap_sd z share significant steps\n\
+        f 0 20 1 1 1 0.1 no 0:20\nf 20 5 3 1 6 0.9 yes 20:36\nf 6 30 0 1 0.1 0 no 36:61\n";
+    Tables::with(&[
+        ("gap.txt", back),
+        ("obs.txt", &table("u f", "", &f64::from)),
+        ("runs.txt", &table("sample step u f", "a", &|u| 0.9 * f64::from(u))),
+        ("weights.txt", "sample k weight\na 1 1\n"),
+        ("curves.txt", &table("hypothesis probability step u f", "bend 0.9", &|u| 0.98 * f64::from(u))),
+    ])
+}
+
+#[test]
+fn where_the_control_turns_back_its_branches_are_marked_and_named() {
+    let folder = cycles();
+    let svg = folder.svg("gap gap.txt -b obs.txt -e runs.txt -w weights.txt --noise f=0.5");
+    assert_eq!(series(&svg, "turning point"), 2);
+    assert!(has_text(&svg, "loading") && has_text(&svg, "unloading"));
+    let svg = folder.svg("hypotheses -b obs.txt --units u=mm curves.txt");
+    assert_eq!(series(&svg, "turning point"), 2);
+    assert!(has_text(&svg, "u (mm)") && has_text(&svg, "step") && has_text(&svg, "unloading"));
 }
 
 #[test]
@@ -366,6 +420,38 @@ fn an_attribution_has_a_bar_each_and_brackets_what_is_confounded() {
     assert!(number(label, "x") + number(label, "textLength") < left + number(panel, "width"));
     let few = folder.svg("attribution attribution.txt --most 2");
     assert!(has_text(&few, "2 further hypotheses together have 10 %"));
+}
+
+const CURVES: &str = "hypothesis probability step u f q\na+b 0.6 1 1 0.9 2\na+b 0.6 2 2 2 3\n\
+    a 0.3 1 1 0.8 2\na 0.3 2 2 1.8 3\nnone 0.1 1 1 0.5 1\nnone 0.1 2 2 1 1\n";
+
+#[test]
+fn the_curves_of_hypotheses_lie_over_the_measurement_and_what_they_leave_below() {
+    let obs = "u f q f_sd q_sd\n0 0 1 0.1 0.1\n1 1 2 0.1 0.1\n2 2 3 0.1 0.1\n3 9 9 0.1 0.1\n";
+    let folder = Tables::with(&[("obs.txt", obs), ("curves.txt", CURVES)]);
+    let svg = folder.svg("hypotheses -b obs.txt curves.txt");
+    assert_eq!(count(&svg, "panel"), 4);
+    // In each panel.
+    assert_eq!([series(&svg, "a+b"), series(&svg, "none"), series(&svg, "noise")], [4, 4, 2]);
+    for label in ["a+b (0.60)", "a (0.30)", "none (0.10)", "left of q", "noise, ± 1 sd"] {
+        assert!(has_text(&svg, label), "{label}");
+    }
+    // The same effects with something else are the same curve.
+    folder.0.write("rest.txt", CURVES.replace("a 0.3", "a+b+unexplained 0.3"));
+    let svg = folder.svg("hypotheses -b obs.txt rest.txt");
+    assert_eq!([series(&svg, "a+b"), series(&svg, "a+b+unexplained"), series(&svg, "none")], [4, 0, 4]);
+    // The base model is never left out.
+    let svg = folder.svg("hypotheses -b obs.txt --most 1 curves.txt");
+    assert_eq!([series(&svg, "a+b"), series(&svg, "a"), series(&svg, "none")], [4, 0, 4]);
+    for (from, to, says) in [
+        ("a 0.3 2 2", "a 0.3 3 2", "bad.txt:4: the steps of a are not those of the measurement"),
+        ("none 0.1 2 2 1 1\n", "", "bad.txt:6: the steps of none are not"),
+        (" u f q\n", " u2 f q\n", "obs.txt:1: no column u2"),
+    ] {
+        folder.0.write("bad.txt", CURVES.replace(from, to));
+        let message = folder.error("hypotheses -b obs.txt bad.txt");
+        assert!(message.contains(says), "{message}");
+    }
 }
 
 #[test]
@@ -541,6 +627,8 @@ fn a_table_without_rows_is_an_error() {
         ("gap.txt", "observable from to gap gap_sd z share significant\n"),
         ("attribution.txt", "hypothesis probability\n"),
         ("proposal.txt", "weight mean(a)\n"),
+        ("curves.txt", "hypothesis probability step u f\n"),
+        ("loo.txt", "observable step control measured q05 q25 q50 q75 q95 pit k\n"),
     ]);
     for arguments in [
         "fit -b obs.txt ensemble.txt",
@@ -550,6 +638,8 @@ fn a_table_without_rows_is_an_error() {
         "gap gap.txt",
         "attribution attribution.txt",
         "proposal proposal.txt",
+        "predictive loo.txt",
+        "hypotheses -b obs.txt curves.txt",
         "emulator -e ensemble.txt ensemble.txt",
     ] {
         let message = folder.error(arguments);

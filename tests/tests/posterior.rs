@@ -65,6 +65,64 @@ fn exact(data: &str, noise: &str, quantity: &str) -> f64 {
     table.number(row, value).unwrap()
 }
 
+/// Of a line with a known noise the residual of a reading that was left out is normal with mean r/(1 − h) and standard
+/// deviation s/√(1 − h): r the residual of the fit, h its leverage, s that of the noise.
+#[test]
+fn each_reading_of_a_line_is_predicted_from_the_others_as_the_closed_form_has_it() {
+    let folder = linear("few", 20);
+    let noise = exact("few", "known", "noise_sd");
+    folder.run(&format!(
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y={noise} --noise-as-stated -n 2000 \
+         --loo-out loo.txt --verdict verdict.txt -o draws.txt ensemble.txt"
+    ));
+    let (x, y) = (folder.column("obs.txt", "x"), folder.column("obs.txt", "y"));
+    let n = x.len() as f64;
+    let (centre, level) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
+    let square: f64 = x.iter().map(|x| (x - centre).powi(2)).sum();
+    let slope = x.iter().zip(&y).map(|(x, y)| (x - centre) * y).sum::<f64>() / square;
+    let pit = folder.column("loo.txt", "pit");
+    let (low, high) = (folder.column("loo.txt", "q05"), folder.column("loo.txt", "q95"));
+    assert_eq!(
+        (folder.column("loo.txt", "control"), folder.column("loo.txt", "measured")),
+        (x.clone(), y.clone())
+    );
+    for i in 0..x.len() {
+        let residual = y[i] - level - slope * (x[i] - centre);
+        let left = 1.0 - 1.0 / n - (x[i] - centre).powi(2) / square;
+        let (mean, sd) = (y[i] - residual / left, noise / left.sqrt());
+        let right = gl_numeric::normal::normal_cdf((y[i] - mean) / sd);
+        assert!((pit[i] - right).abs() < 0.03, "reading {i}: {} for {right}", pit[i]);
+        let width = 2.0 * gl_numeric::normal::normal_quantile(0.95) * sd;
+        assert!(
+            ((high[i] - low[i]) / width - 1.0).abs() < 0.05,
+            "reading {i}: {} for {width}",
+            high[i] - low[i]
+        );
+    }
+    let verdicts = Verdicts::read(&folder.path("verdict.txt")).unwrap();
+    let inside = pit.iter().filter(|pit| (0.05..=0.95).contains(*pit)).count();
+    let said = &verdicts.find("covers").unwrap().text;
+    assert!(said.starts_with(&format!("{inside} of 10 readings lie in the 90 % band")), "{said}");
+}
+
+/// Readings that scatter three times as far as they are said to do not look like a draw.
+#[test]
+fn readings_that_scatter_further_than_stated_are_not_inside() {
+    let folder = linear("tutorial", 20);
+    let noise = exact("tutorial", "known", "noise_sd") / 3.0;
+    let call = format!(
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y={noise} --loo-out loo.txt \
+         --verdict verdict.txt -o draws.txt ensemble.txt"
+    );
+    let find = |code: &str| Verdicts::read(&folder.path("verdict.txt")).unwrap().find(code).cloned();
+    folder.run(&format!("{call} --noise-as-stated"));
+    assert!(find("too-few-inside").is_some());
+    // Counted as large as it is, the same noise holds them, and that is said.
+    folder.run(&call);
+    let said = find("covers").unwrap().text;
+    assert!(said.ends_with("with its noise counted as said above"), "{said}");
+}
+
 /// tests/oracle/curve_posterior.py: two curved parameters on a grid, four by emcee.
 #[test]
 fn the_draws_of_curves_follow_a_grid_and_emcee() {

@@ -157,6 +157,23 @@ impl Measurement {
         Ok(stack.tests.iter().zip(ensembles).map(part).collect())
     }
 
+    /// Observable, step and control of each reading that is compared, all observables behind each other; `steps` are
+    /// those of one test alone.
+    pub fn places(&self, steps: &std::ops::Range<usize>) -> Vec<(String, usize, f64)> {
+        let of = |names: &[String], control: &[f64], steps: &std::ops::Range<usize>| {
+            let of_name = |name: &String| {
+                let place = |step: usize| (name.clone(), step, control[step]);
+                steps.clone().map(place).collect::<Vec<_>>()
+            };
+            names.iter().flat_map(of_name).collect::<Vec<_>>()
+        };
+        let Observations { names, control, .. } = &self.observations;
+        let Some(stack) = &self.stack else { return of(names, control, steps) };
+        let of_test =
+            |test: &Test| of(&names[test.observables.clone()], &test.observations.control, &test.steps);
+        stack.tests.iter().flat_map(of_test).collect()
+    }
+
     /// Refuse steps that are given for all tests at once.
     ///
     /// # Errors

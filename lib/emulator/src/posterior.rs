@@ -6,6 +6,7 @@
 //! far all this can be trusted; [`Inference::next_runs`] says which runs would tell most.
 
 mod batch;
+mod held_out;
 pub mod likelihood;
 pub mod mixture;
 mod modes;

@@ -35,8 +35,8 @@ pub fn align(
         return Ok(curves.to_vec());
     }
     let jitter = JITTER * span;
-    let wanted = branches(measured, jitter);
-    let given = branches(control, jitter);
+    let wanted = branches_beyond(measured, jitter);
+    let given = branches_beyond(control, jitter);
     if given.len() < wanted.len() {
         return Err(Failure::Truncated(format!("ends on branch {} of {}", given.len(), wanted.len())));
     }
@@ -68,10 +68,13 @@ pub fn align(
 
 /// Rows `from..=to` along which the control goes one way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Branch {
-    from: usize,
-    to: usize,
-    rises: bool,
+pub struct Branch {
+    /// First row.
+    pub from: usize,
+    /// Last row, where the next branch begins.
+    pub to: usize,
+    /// Whether the control grows along it.
+    pub rises: bool,
 }
 
 impl Branch {
@@ -80,8 +83,13 @@ impl Branch {
     }
 }
 
+/// Cut a path at its turning points; reversals smaller than a thousandth of its range are none.
+pub fn branches(control: &[f64]) -> Vec<Branch> {
+    branches_beyond(control, JITTER * range(control))
+}
+
 /// Cut a path at its turning points, leaving out reversals smaller than `jitter`.
-fn branches(control: &[f64], jitter: f64) -> Vec<Branch> {
+fn branches_beyond(control: &[f64], jitter: f64) -> Vec<Branch> {
     let Some(last) = control.len().checked_sub(1) else { return Vec::new() };
     let mut branches = Vec::new();
     let (mut from, mut low, mut high) = (0, 0, 0);
@@ -239,7 +247,7 @@ mod tests {
     #[test]
     fn jitter_is_no_turning_point() {
         let control = [0.0, 0.4, 0.3999, 0.8, 0.7995, 1.0, 0.3, 0.3004, 0.0];
-        let turns: Vec<_> = branches(&control, 1e-3).iter().map(|b| (b.from, b.to, b.rises)).collect();
+        let turns: Vec<_> = branches_beyond(&control, 1e-3).iter().map(|b| (b.from, b.to, b.rises)).collect();
         assert_eq!(turns, [(0, 5, true), (5, 8, false)]);
     }
 }

@@ -7,7 +7,7 @@
 //! | what may vary, and which samples to run | [`prior`], [`design`], [`samples`] |
 //! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`], [`stack`] |
 //! | how far each run is from the measurement | [`misfit`] |
-//! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`stop`] |
+//! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`loo`], [`stop`] |
 //! | the next samples | [`mixture`], [`proposal`], [`resample`] |
 //!
 //! The mathematics is written down in `docs/design.md`.
@@ -18,6 +18,7 @@ pub mod design;
 pub mod ensemble;
 pub mod filter;
 pub mod fit;
+pub mod loo;
 pub mod misfit;
 pub mod mixture;
 pub mod observations;

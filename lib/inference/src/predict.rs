@@ -60,7 +60,7 @@ fn moments(values: &[f64], sds: Option<&[f64]>, weights: &[f64]) -> Moments {
 }
 
 /// The quantile of a mixture of normal distributions, by bisection to 1e-12 of its extent.
-fn mixture_quantile(means: &[f64], sds: &[f64], weights: &[f64], p: f64) -> f64 {
+pub(crate) fn mixture_quantile(means: &[f64], sds: &[f64], weights: &[f64], p: f64) -> f64 {
     const REACH: f64 = 9.0;
     let below = |x: f64| -> f64 {
         let share = |((&mean, &sd), &weight): ((&f64, &f64), &f64)| {

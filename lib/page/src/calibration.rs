@@ -219,7 +219,8 @@ impl Calibration {
             iterations: self.iterations.len(),
             runs: of("runs")? as usize + of("failed")? as usize,
             failed: of("failed")? as usize,
-            tempering: (ratio > 1.0 + 1e-7).then(|| short(ratio)),
+            // Draws are those of the noise; what the emulator does not know is a verdict of its own.
+            tempering: (!self.is_drawn && ratio > 1.0 + 1e-7).then(|| short(ratio)),
             best_sample: self.posterior.summary.best_sample.clone().unwrap_or_else(|| "-".to_owned()),
             best_error: short(100.0 * of("best_error")?),
             ess_runs: short(ess_runs),

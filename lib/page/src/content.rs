@@ -88,6 +88,8 @@ struct Stage {
     criteria: Grid,
     posterior: Grid,
     fit: Picture,
+    /// Each reading, predicted from the others; none where the posterior is one of weights.
+    predictive: Option<Picture>,
     pictures: Vec<Picture>,
 }
 
@@ -102,6 +104,8 @@ struct Gap {
 struct Cause {
     verdict: Vec<Sentence>,
     picture: Picture,
+    /// The curves of the most probable hypotheses; none where a diagnosis left none.
+    curves: Option<Picture>,
     design_runs: usize,
     hypotheses: usize,
     first: Grid,
@@ -229,6 +233,7 @@ impl Stage {
             criteria: calibration.criteria()?,
             posterior: calibration.posterior(&case.prior)?,
             fit: calibration.fit(case, caption)?,
+            predictive: calibration.predictive(case)?,
             pictures: calibration.pictures(case)?,
         })
     }
@@ -250,7 +255,8 @@ impl Stage {
         }
         // These two are said above; what misfits is what a diagnosis is for.
         let is_said = |code: &str| matches!(code, "sigma-above-noise" | "few-runs");
-        let is_expected = |code: &str| whose == Some("the base model") && code == "bad-fit";
+        let is_expected =
+            |code: &str| whose == Some("the base model") && matches!(code, "bad-fit" | "too-few-inside");
         let own = self.verdict.iter().filter(|row| verdict::is_doubt(&row.code));
         let own = own.filter(|row| !is_said(&row.code) && !is_expected(&row.code));
         doubts.extend(own.map(|row| match whose {
@@ -338,6 +344,7 @@ impl Cause {
         Ok(Some(Self {
             verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
             picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
+            curves: pictures::hypotheses(case, &out.join("curves.txt"))?,
             design_runs: rows(&design.join("samples.txt"))?,
             hypotheses: rows(&hypotheses)?,
             first: Grid::read(&hypotheses, MOST_HYPOTHESES)?,

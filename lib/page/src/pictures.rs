@@ -67,6 +67,27 @@ impl Calibration {
         draw(caption, case.ensembles(call, &self.folder))
     }
 
+    /// Each reading against what the others predict of it, where that was found.
+    ///
+    /// # Errors
+    /// If gl-plot fails.
+    pub fn predictive(&self, case: &Case) -> Result<Option<Picture>> {
+        let table = self.last().join("loo.txt");
+        if !table.exists() {
+            return Ok(None);
+        }
+        // Several tests have a control each.
+        let control = if case.tests.is_empty() { case.control.as_str() } else { "" };
+        let call = Call::new("gl-plot").with(["predictive"]).option("-c", control);
+        let call = call.option("--units", &case.units).with([table.display().to_string()]);
+        draw(
+            "Each reading less the median of what the posterior without it predicts, noise included; and how many of \
+             them lie how high in what is predicted. If all is right the bars are even, but for chance.",
+            call,
+        )
+        .map(Some)
+    }
+
     /// The posterior and how it came about.
     ///
     /// # Errors
@@ -183,6 +204,24 @@ fn part(table: &Path, column: &str, keep: impl Fn(&str) -> Option<String>, own: 
 pub fn attribution(effects: &Path, hypotheses: &Path) -> Result<Picture> {
     let call = Call::new("gl-plot").with(["attribution"]).file("--effects", effects);
     draw("How probable each hypothesis and each effect is.", call.with([hypotheses.display().to_string()]))
+}
+
+/// What each of the most probable hypotheses makes of the measurement, where their curves are known.
+///
+/// # Errors
+/// If gl-plot fails.
+pub fn hypotheses(case: &Case, curves: &Path) -> Result<Option<Picture>> {
+    if !curves.exists() {
+        return Ok(None);
+    }
+    let call = Call::new("gl-plot").with(["hypotheses"]).file("-b", &case.obs);
+    let call = call.option("--noise", &case.noise).option("--units", &case.units);
+    draw(
+        "The base model and the most probable hypotheses, each by its mean curve over what remains possible, with its \
+         probability; and what each leaves of the measurement.",
+        call.with([curves.display().to_string()]),
+    )
+    .map(Some)
 }
 
 /// The emulator of a test against the runs of a design.

@@ -81,6 +81,8 @@ const DOUBTS: &[&str] = &[
     "emulator-ignorant",
     "noise-too-small",
     "noise-too-large",
+    "too-few-inside",
+    "loo-unreliable",
     // of gl-gap-attribute
     "base-fits",
     "next",

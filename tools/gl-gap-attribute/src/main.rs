@@ -75,6 +75,10 @@ struct Args {
     /// like
     #[arg(long, value_name = "FILE")]
     rest_out: Option<PathBuf>,
+    /// Also write the mean curve of the base model, of each likely hypothesis and of the three likeliest with effects:
+    /// hypothesis, probability, step, control, observables
+    #[arg(long, value_name = "FILE")]
+    curves_out: Option<PathBuf>,
     /// Also write what is concluded: code, value, text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
@@ -125,6 +129,9 @@ Example (a line with a bend that the base model lacks):
 /// Hypotheses less probable than this are not worth a prediction.
 const LIKELY: f64 = 0.01;
 
+/// Sets of effects whose curves are written however improbable they are, so that one sees what speaks against them.
+const NEAREST: usize = 3;
+
 /// What was measured at the compared steps, and the runs there.
 struct Seen {
     observations: Observations,
@@ -161,6 +168,11 @@ fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let Seen { observations, tests, noise, ensemble } = Seen::read(args)?;
+    ensure!(
+        args.curves_out.is_none() || tests.len() == 1,
+        "--curves-out: takes one test, there are {}",
+        tests.len()
+    );
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
     let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
     if emulator.missing() > 0 {
@@ -188,6 +200,10 @@ fn run(args: &Args) -> Result<()> {
     }
     if let Some(path) = &args.rest_out {
         write_rest(path, &problem, &diagnosis)?;
+    }
+    if let Some(path) = &args.curves_out {
+        let first = args.steps.map_or(0, |steps| steps.from);
+        write_curves(path, first, &observations, &diagnosis)?;
     }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
@@ -280,6 +296,25 @@ fn write_rest(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Resu
     let all = if first.has_rest { goes_with(problem, first)? } else { Vec::new() };
     for GoesWith { observable, what, share, z, like } in all {
         table.text(&problem.observables[observable]).text(&what).numbers(&[share, z]).text(like).end_row()?;
+    }
+    table.finish()
+}
+
+/// The first of the steps that were looked at is number `first` of the measurement.
+fn write_curves(path: &Path, first: usize, observations: &Observations, diagnosis: &Diagnosis) -> Result<()> {
+    let named = ["hypothesis", "probability", "step", &observations.control_name];
+    let columns: Vec<&str> = named.into_iter().chain(observations.names.iter().map(String::as_str)).collect();
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    let all = &diagnosis.attribution.explanations;
+    let nearest = all.iter().filter(|of| of.is_cause() && !of.has_rest).take(NEAREST);
+    let nearest: Vec<&str> = nearest.chain([diagnosis.base()]).map(|of| of.name.as_str()).collect();
+    let is_said = |of: &&Explanation| of.probability >= LIKELY || nearest.contains(&of.name.as_str());
+    for of in all.iter().filter(is_said) {
+        for (step, &control) in observations.control.iter().enumerate() {
+            let curves = of.evidence.mean.chunks_exact(observations.steps());
+            table.text(&of.name).numbers(&[of.probability, (first + step) as f64, control]);
+            table.numbers(&curves.map(|curve| curve[step]).collect::<Vec<_>>()).end_row()?;
+        }
     }
     table.finish()
 }

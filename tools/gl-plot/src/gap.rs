@@ -11,6 +11,7 @@ use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::weights::Weights;
 use gl_table::Table;
 
+use crate::branches::{ABOVE, Branches};
 use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
@@ -118,6 +119,8 @@ struct Data {
     /// Whether the control turns back, so that steps are counted instead.
     along_steps: bool,
     along: Label,
+    /// Where the control turns back, as far as the measurement is known.
+    branches: Branches,
     observables: Vec<String>,
 }
 
@@ -164,7 +167,9 @@ impl Gap {
             }
         }
         let along = if along_steps { Label::new("step") } else { Label { name, unit } };
-        Ok(Data { tables, readings, along_steps, along, observables })
+        let branches = readings.first().filter(|_| along_steps);
+        let branches = branches.map_or_else(Branches::default, |(known, _)| Branches::of(&known.control));
+        Ok(Data { tables, readings, along_steps, along, branches, observables })
     }
 }
 
@@ -189,6 +194,7 @@ struct OfObservable<'a> {
     /// Points along the control or the steps.
     readings: Vec<(Vec<(f64, f64)>, Color)>,
     along: &'a Label,
+    branches: &'a Branches,
 }
 
 impl Data {
@@ -199,6 +205,7 @@ impl Data {
             tables: self.tables.iter().map(|(table, color)| (own(table, name), *color)).collect(),
             readings: self.readings.iter().filter_map(of).collect(),
             along: &self.along,
+            branches: &self.branches,
         }
     }
 }
@@ -222,13 +229,14 @@ impl OfObservable<'_> {
         let ends = self.stretches().flat_map(|stretch| [stretch.from, stretch.to]);
         let x = Axis::horizontal(Span::of(ends).padded(0.03), self.along.clone(), right - left);
 
-        let mut top = figure.y + 4.0;
+        let mut top = figure.y + 4.0 + if self.branches.turns() { ABOVE } else { 0.0 };
         if !self.readings.is_empty() {
             let rect = Rect::new(left, top, right, top + height);
             let name = format!("gap of each reading of {}", self.name);
             let mut panel = Panel::new(name, rect, x.clone(), each_y).beside(beside).without_x_labels();
             self.tables.iter().for_each(|(table, color)| shade(&mut panel, table, *color));
             lines(&mut panel);
+            self.branches.mark(&mut panel, 0);
             for (points, color) in &self.readings {
                 let dot = Dot { opacity: 0.7, ..Dot::among(points.len(), *color) };
                 panel.dots("readings", points.iter().copied(), dot, 3000);

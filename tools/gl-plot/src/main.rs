@@ -1,13 +1,16 @@
 //! Draw the tables of a calibration and of a diagnosis, as SVG, PDF or PNG.
 
 mod attribution;
+mod branches;
 mod emulator;
 mod fit;
 mod gap;
 mod history;
+mod hypotheses;
 mod input;
 mod pairs;
 mod posterior;
+mod predictive;
 mod proposal;
 
 use std::io::Write;
@@ -41,12 +44,14 @@ gl-plot KIND --help has an example for each kind.";
 enum Picture {
     Fit(fit::Fit),
     Posterior(posterior::Posterior),
+    Predictive(predictive::Predictive),
     Pairs(pairs::Pairs),
     History(history::History),
     Proposal(proposal::Proposal),
     Emulator(emulator::Emulator),
     Gap(gap::Gap),
     Attribution(attribution::Attribution),
+    Hypotheses(hypotheses::Hypotheses),
 }
 
 /// What every picture has.
@@ -125,12 +130,14 @@ fn run(args: &Args) -> Result<()> {
     let scene = match &args.picture {
         Picture::Fit(fit) => fit.draw(&args.style)?,
         Picture::Posterior(posterior) => posterior.draw(&args.style)?,
+        Picture::Predictive(predictive) => predictive.draw(&args.style)?,
         Picture::Pairs(pairs) => pairs.draw(&args.style)?,
         Picture::History(history) => history.draw(&args.style)?,
         Picture::Proposal(proposal) => proposal.draw(&args.style)?,
         Picture::Emulator(emulator) => emulator.draw(&args.style)?,
         Picture::Gap(gap) => gap.draw(&args.style)?,
         Picture::Attribution(attribution) => attribution.draw(&args.style)?,
+        Picture::Hypotheses(hypotheses) => hypotheses.draw(&args.style)?,
     };
     let bytes = match kind {
         Kind::Svg => svg::render(&scene).into_bytes(),

@@ -7,10 +7,12 @@ use anyhow::{Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
+use gl_inference::loo::{self, LeftOut, Reading};
 use gl_inference::misfit::{Covariance, Scale};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
+use gl_table::write_rows;
 
 /// Draw from the posterior through an emulator, and say where to run next
 ///
@@ -78,6 +80,9 @@ struct Args {
     /// Where the summary of the real runs by these weights goes
     #[arg(long, value_name = "FILE")]
     run_summary: Option<PathBuf>,
+    /// Where each reading goes, predicted from the others: observable step control measured q05 … q95 pit k
+    #[arg(long, value_name = "FILE")]
+    loo_out: Option<PathBuf>,
     /// Where the draws go; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -99,8 +104,8 @@ Example (several tests of the same samples):
 const MOST_NEXT: usize = 1000;
 
 fn run(args: &Args) -> Result<()> {
-    let outputs =
-        [&args.output, &args.summary, &args.verdict, &args.run_weights, &args.run_summary, &args.next_out];
+    let of_runs = [&args.run_weights, &args.run_summary, &args.next_out];
+    let outputs = [&args.output, &args.summary, &args.verdict, &args.loo_out].into_iter().chain(of_runs);
     gl_cli::distinct(outputs.map(Option::as_ref))?;
     let prior = Prior::read(&args.params)?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
@@ -115,6 +120,7 @@ fn run(args: &Args) -> Result<()> {
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
 
     let steps = measurement.steps(args.steps)?;
+    let places = measurement.places(&steps);
     let Measurement { observations, noise, .. } = measurement;
     let scale = match noise {
         Some(_) => None,
@@ -150,7 +156,13 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.summary {
         inference.summary(&samples)?.write(Some(path))?;
     }
-    gl_cli::conclude("gl-posterior", &inference.verdicts(options), args.verdict.as_deref())?;
+    let mut verdicts = inference.verdicts(options);
+    if let Some(path) = &args.loo_out {
+        let readings = readings(&inference, &places)?;
+        write_rows(Some(path), &readings)?;
+        verdicts.rows.extend(loo::verdicts(&readings, inference.is_noise_restated()).rows);
+    }
+    gl_cli::conclude("gl-posterior", &verdicts, args.verdict.as_deref())?;
     inference.weights().write(args.output.as_deref())
 }
 
@@ -159,6 +171,17 @@ fn scale(args: &Args, observations: &Observations) -> Result<Vec<Vec<f64>>> {
     let weights = args.weights.clone().unwrap_or_default();
     let covariance = Covariance::scaled(observations, args.scale, &weights)?;
     Ok(covariance.variance.iter().map(|row| row.iter().map(|v| v.sqrt()).collect()).collect())
+}
+
+/// Each reading, at its place, predicted from the others.
+fn readings(inference: &Inference, places: &[(String, usize, f64)]) -> Result<Vec<Reading>> {
+    let found = inference.held_out()?;
+    let rows = places.iter().zip(&inference.measured().readings).zip(&found);
+    let row =
+        |(((observable, step, control), measured), found): ((&(String, usize, f64), &f64), &LeftOut)| {
+            Reading::new(observable, (*step, *control, *measured), found)
+        };
+    Ok(rows.map(row).collect())
 }
 
 /// The samples to run next.

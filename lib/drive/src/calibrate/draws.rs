@@ -90,6 +90,7 @@ impl Iteration<'_> {
                 .flag("--summary", self.file("posterior.txt"))
                 .flag("--run-weights", self.file("posterior-runs-weights.txt"))
                 .flag("--run-summary", self.file("posterior-runs.txt"))
+                .flag("--loo-out", self.file("loo.txt"))
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
                 .args(known.iter().flat_map(|known| known.tables(case)))
@@ -119,7 +120,7 @@ impl Iteration<'_> {
     /// From here on the weights of the runs have to do.
     fn fall_back(&self, why: &str) -> Result<bool> {
         gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs"));
-        for file in ["posterior-runs-weights.txt", "posterior-runs.txt", "posterior-weights.txt"] {
+        for file in ["posterior-runs-weights.txt", "posterior-runs.txt", "posterior-weights.txt", "loo.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
         write(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;

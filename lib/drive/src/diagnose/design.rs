@@ -114,6 +114,7 @@ impl Diagnosis<'_> {
             "predicted-shrink.txt",
             "posterior.txt",
             "rest.txt",
+            "curves.txt",
             "attribution-verdict.txt",
             "attribution.log",
         ] {
@@ -379,6 +380,10 @@ impl Round<'_> {
             .flag("--predict-shrink", self.file("predicted-shrink.txt"))
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
+            .option(
+                "--curves-out",
+                (!case.has_tests()).then(|| self.file("curves.txt").display().to_string()),
+            )
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(self.diagnosis.rounds()?.pointed(self.pointed)))
             .flag("--name", format!("{}-design", case.name))

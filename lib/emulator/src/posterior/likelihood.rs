@@ -10,6 +10,8 @@
 //! Where the runs reach far beyond the measurement the emulator sees them warped; see [`Warp`]. Residuals are
 //! those of the readings all the same, and B is then the derivative at the measurement.
 
+mod held_out;
+
 use gl_numeric::statistics::ln_sum_exp;
 use nalgebra::{DMatrix, DVector};
 
