@@ -157,7 +157,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
         let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
         let problem =
-            Problem::new(predictor, &design.prior, candidates.clone(), observations, noise.clone(), 1.0)?;
+            Problem::new(predictor, &design.prior, candidates.clone(), observations, noise.clone(), 1.0)?
+                .believing(&shared.prior);
         let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let explanations = &diagnosis.attribution.explanations;
@@ -182,7 +183,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
                 let noise = noise.clone();
                 let predictor = &design.emulator;
                 let problem =
-                    Problem::new(predictor, &design.prior, candidates.clone(), observations, noise, 1.0)?;
+                    Problem::new(predictor, &design.prior, candidates.clone(), observations, noise, 1.0)?
+                        .believing(&shared.prior);
                 let count = all - how.first() * shared.prior.parameters().len();
                 let explanations = &found.0.attribution.explanations;
                 (design.prior.clone(), next_runs(&problem, explanations, count, how.seed)?)

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use crate::attribute::belief::Belief;
 use crate::attribute::discrepancy::Smooth;
 use crate::attribute::gaussian::{Filled, Level, Patterns};
 use crate::attribute::hypothesis::Candidate;
@@ -17,6 +18,8 @@ pub struct Problem<'a> {
     pub predictor: &'a dyn Predictor,
     /// The parameters and their prior.
     pub prior: &'a Prior,
+    /// What was believed of each parameter before its bounds were made wider, shape (parameters,).
+    pub beliefs: Vec<Option<Belief>>,
     /// What may explain the gap.
     pub candidates: Vec<Candidate>,
     /// What was measured, shape (observables · steps).
@@ -129,6 +132,7 @@ impl<'a> Problem<'a> {
         Ok(Self {
             predictor,
             prior,
+            beliefs: vec![None; prior.parameters().len()],
             candidates,
             observed: observations.values.concat(),
             ranges,
@@ -147,6 +151,12 @@ impl<'a> Problem<'a> {
             left_over,
             scatter_variance,
         })
+    }
+
+    /// The same where the bounds of parameters are wider than was believed: what lies beyond is less likely.
+    pub fn believing(mut self, believed: &Prior) -> Self {
+        self.beliefs = Belief::all(self.prior, believed);
+        self
     }
 
     /// Number of steps.
