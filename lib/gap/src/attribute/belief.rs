@@ -31,6 +31,11 @@ impl Belief {
         prior.parameters().iter().map(|parameter| Self::new(parameter, believed)).collect()
     }
 
+    /// The coordinates of the bounds that were believed.
+    pub fn bounds(self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+
     /// The coordinate below which a share `u` in [0, 1] of the probability lies: even between the bounds that were
     /// believed, and even beyond them, where [`BEYOND`] of it is.
     pub fn coordinate(self, u: f64) -> f64 {
