@@ -7,7 +7,7 @@
 //!    (mod@test). [`predictor`]: the simulation at any parameters, by an emulator of a design's runs.
 //! 2. One hypothesis. [`problem`]: what all of them share, among it the covariance of the readings,
 //!    which [`gaussian`] factors and [`discrepancy`] gives its smooth part; [`visible`] says which candidates
-//!    the measurement can show at all. [`model`]: the
+//!    the measurement can show at all, [`belief`] what was believed of parameters whose bounds were made wider. [`model`]: the
 //!    parameters of one of them and the density of the measurement.
 //! 3. Its evidence. [`mode`] climbs to the most probable parameters, [`evidence`] integrates from there.
 //! 4. All of them. [`attribution`] weighs them against each other and against something that is no
@@ -21,6 +21,7 @@
 
 pub mod adequacy;
 pub mod attribution;
+pub mod belief;
 pub mod closure;
 pub mod confounding;
 pub mod diagnosis;

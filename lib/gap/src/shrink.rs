@@ -32,9 +32,11 @@ pub struct Shrink {
     pub before: f64,
     /// Gap after.
     pub after: f64,
-    /// What noise and the simulation's scatter alone would give.
+    /// What noise and the simulation's scatter alone would give before.
+    pub floor_before: f64,
+    /// The same after, where more parameters have followed the noise.
     pub floor: f64,
-    /// 1 − (after² − floor²)₊ / (before² − floor²), or 0 if there was no gap before.
+    /// 1 − (after² − floor²)₊ / (before² − floor_before²), or 0 if there was no gap before.
     pub shrink: f64,
     /// Lower end of the 90 % interval. It is not drawn further down than −1 where the estimate lies
     /// above that: −1 then stands for anything below.
@@ -58,11 +60,12 @@ const LOWEST: f64 = -1.0;
 ///
 /// * `scatter_share` — share of the simulation's own scatter that the measurement has, not negative.
 ///
-/// The floor is what the fit after left of the noise and of the scatter of the runs, which is what their
-/// parameters do not explain; see [`floor`](crate::attribute::closure::floor). The interval comes from replicates of the measurement: noise with the correlation that
-/// the gap after shows, the scatter of a run drawn at random, and posterior means as uncertain as the
-/// number of effective runs leaves them, are added to a gap of the estimated size. Both
-/// calibrations meet the same measurement, so they share the noise.
+/// Each floor is what that calibration's own parameters leave of the noise and of the scatter of the runs after, which
+/// is what their parameters do not explain: with one floor for both, an effect that changes nothing would shrink the
+/// gap by the noise that its parameters follow. The interval comes from replicates of the measurement: noise with the
+/// correlation that the gap after shows and the scatter of a run drawn at random, of which each calibration follows
+/// its part, and posterior means as uncertain as the number of effective runs leaves them, are added to a gap of the
+/// estimated size. Both calibrations meet the same measurement, so they share the noise.
 ///
 /// # Errors
 /// If an ensemble has no runs or other steps than the measurement, a run has no weight, an
@@ -136,9 +139,11 @@ impl Measured {
         (0..squares.len())
             .map(|j| {
                 let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
-                let means = [mean(0), mean(1)];
+                let means = [0, 1, 2, 3].map(mean);
                 let errors = replicates.iter().map(|replicate| {
-                    [0, 1].map(|i| (replicate[j][i] - means[i]) - (replicate[j][2] - squares[j][2]))
+                    // A bias of the gaps is what the floors are for; one of the floors is taken off.
+                    let away = |i: usize| replicate[j][i] - means[i];
+                    [0, 1].map(|i| away(i) - away(2 + i) + (means[2 + i] - squares[j][2 + i]))
                 });
                 summarise(squares[j], errors)
             })
@@ -149,7 +154,7 @@ impl Measured {
 /// Squared gaps of every observable, and then their means.
 fn with_mean(mut squares: Squares) -> Squares {
     let mean = |i: usize| squares.iter().map(|s| s[i]).sum::<f64>() / squares.len() as f64;
-    squares.push([0, 1, 2].map(mean));
+    squares.push([0, 1, 2, 3].map(mean));
     squares
 }
 
@@ -184,15 +189,18 @@ fn measure(
     let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
     let noises = Noise::estimate(&gaps[1], noise_sd, &scales);
     let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
-    let mut scatter = scatter(&after.ensemble, &after.weights, &weights[1], &sd);
-    if unseen.is_some() {
-        // The fit has not followed a noise that it did not see.
-        scatter.hat = Hat::default();
-    }
-    for run in &mut scatter.runs {
-        run.iter_mut().flatten().for_each(|s| *s *= scatter_share.sqrt());
-        scatter.hat.take_out(run, &noises);
-    }
+    let of = |calibrated: &Calibrated, weights: &[f64]| {
+        scatter(&calibrated.ensemble, &calibrated.weights, weights, &sd)
+    };
+    let Scatter { mut runs, hat } = of(after, &weights[1]);
+    // A fit has not followed a noise that it did not see.
+    let hats = if unseen.is_some() { Default::default() } else { [of(before, &weights[0]).hat, hat] };
+    runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
+    let runs = hats.each_ref().map(|hat| {
+        let mut runs = runs.clone();
+        runs.iter_mut().for_each(|run| hat.take_out(run, &noises));
+        runs
+    });
     let doubts =
         [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
             let effective = effective_size(weights);
@@ -205,7 +213,8 @@ fn measure(
         scales,
         steps: unseen.unwrap_or_else(|| (0..observations.steps()).collect()),
         noise_sd,
-        scatter,
+        hats,
+        runs,
         noises,
         doubts,
     };
@@ -218,13 +227,16 @@ struct Problem<'a> {
     steps: Vec<usize>,
     noise_sd: Option<&'a [Vec<f64>]>,
     noises: Vec<Noise>,
-    scatter: Scatter,
+    /// What the calibrations before and after take out of the noise.
+    hats: [Hat; 2],
+    /// What they leave of the scatter of each run, shape (runs, observables, steps).
+    runs: [Vec<Vec<Vec<f64>>>; 2],
     /// Directions of the doubt about the posterior mean, before and after.
     doubts: [Vec<Vec<f64>>; 2],
 }
 
-/// Squared gaps of every observable, and then of all: before, after, floor.
-type Squares = Vec<[f64; 3]>;
+/// Squared gaps of every observable, and then of all: before and after, then the floors of the two.
+type Squares = Vec<[f64; 4]>;
 
 impl Problem<'_> {
     fn solve(&self, gaps: &[Vec<Vec<f64>>; 2], seed: u64) -> Measured {
@@ -239,19 +251,22 @@ impl Problem<'_> {
         Measured { squares, replicates }
     }
 
-    /// Squares of gaps of shape (observables, steps), and the floor that noises give.
+    /// Squares of gaps of shape (observables, steps), and the floors that noises give.
     fn squares(&self, gaps: &[Vec<Vec<f64>>; 2], noises: &[Noise]) -> Squares {
         let count = self.steps.len() as f64;
-        let left = self.scatter.hat.left(noises);
+        let left = self.hats.each_ref().map(|hat| hat.left(noises));
         let squares: Squares = (0..self.ranges.len())
             .map(|j| {
                 let unit = self.ranges[j].powi(2) * count;
                 let sum =
                     |values: &[f64]| self.steps.iter().map(|&t| values[t] * values[t]).sum::<f64>() / unit;
-                let runs = &self.scatter.runs;
-                let scattered = runs.iter().map(|run| sum(&run[j])).sum::<f64>() / runs.len().max(1) as f64;
-                let noise = self.steps.iter().map(|&t| left[j][t]).sum::<f64>() / unit;
-                [sum(&gaps[0][j]), sum(&gaps[1][j]), noise + scattered]
+                let floor = |i: usize| {
+                    let runs = &self.runs[i];
+                    let scattered =
+                        runs.iter().map(|run| sum(&run[j])).sum::<f64>() / runs.len().max(1) as f64;
+                    self.steps.iter().map(|&t| left[i][j][t]).sum::<f64>() / unit + scattered
+                };
+                [sum(&gaps[0][j]), sum(&gaps[1][j]), floor(0), floor(1)]
             })
             .collect();
         with_mean(squares)
@@ -261,7 +276,8 @@ impl Problem<'_> {
     fn without_noise(&self, gaps: &[Vec<Vec<f64>>; 2], squares: &Squares) -> [Vec<Vec<f64>>; 2] {
         [0, 1].map(|i| {
             let smaller = |j: usize| {
-                let left = ((squares[j][i] - squares[j][2]) / squares[j][i].max(f64::MIN_POSITIVE)).max(0.0);
+                let left =
+                    ((squares[j][i] - squares[j][2 + i]) / squares[j][i].max(f64::MIN_POSITIVE)).max(0.0);
                 gaps[i][j].iter().map(|gap| gap * left.sqrt()).collect()
             };
             (0..self.ranges.len()).map(smaller).collect()
@@ -274,35 +290,36 @@ impl Problem<'_> {
         let drawn: Vec<Vec<f64>> = self.noises.iter().map(|noise| noise.draw(rng)).collect();
         let sd: Vec<Vec<f64>> = self.noises.iter().map(|noise| noise.sd.clone()).collect();
         let noises = Noise::estimate(&drawn, Some(&sd), &self.scales);
-        let mut error: Vec<Vec<f64>> = noises.iter().map(|noise| noise.draw(rng)).collect();
-        self.scatter.hat.take_out(&mut error, &self.noises);
-        if !self.scatter.runs.is_empty() {
-            let run = &self.scatter.runs[rng.random_range(0..self.scatter.runs.len())];
-            error.iter_mut().flatten().zip(run.iter().flatten()).for_each(|(e, s)| *e += s);
-        }
+        let error: Vec<Vec<f64>> = noises.iter().map(|noise| noise.draw(rng)).collect();
+        let count = self.runs[1].len();
+        let run = (count > 0).then(|| rng.random_range(0..count));
         let mut gaps = true_gaps.clone();
-        for (gaps, doubts) in gaps.iter_mut().zip(&self.doubts) {
+        for (i, gaps) in gaps.iter_mut().enumerate() {
+            let mut error = error.clone();
+            self.hats[i].take_out(&mut error, &self.noises);
+            if let Some(run) = run {
+                let scattered = self.runs[i][run].iter().flatten();
+                error.iter_mut().flatten().zip(scattered).for_each(|(e, s)| *e += s);
+            }
             gaps.iter_mut().flatten().zip(error.iter().flatten()).for_each(|(gap, e)| *gap += e);
-            for doubt in doubts {
+            for doubt in &self.doubts[i] {
                 let along = standard_normal(rng);
                 gaps.iter_mut().flatten().zip(doubt).for_each(|(gap, d)| *gap += along * d);
             }
         }
-        let noises = match self.noise_sd {
-            Some(_) => None,
-            None => Some(Noise::estimate(&gaps[1], None, &self.scales)),
-        };
-        self.squares(&gaps, noises.as_deref().unwrap_or(&self.noises))
+        let noises = Noise::estimate(&gaps[1], self.noise_sd, &self.scales);
+        self.squares(&gaps, &noises)
     }
 }
 
 /// The estimate, and its interval from the errors of the excess squares before and after.
-fn summarise([before, after, floor]: [f64; 3], errors: impl Iterator<Item = [f64; 2]>) -> Shrink {
-    let (excess_before, excess_after) = (before - floor, after - floor);
+fn summarise(squares: [f64; 4], errors: impl Iterator<Item = [f64; 2]>) -> Shrink {
+    let [before, after, floor_before, floor] = squares;
+    let (excess_before, excess_after) = (before - floor_before, after - floor);
     let shrink = if excess_before > 0.0 { 1.0 - excess_after.max(0.0) / excess_before } else { 0.0 };
     let (mut low, mut high): (Vec<f64>, Vec<f64>) = errors
         .map(|[error_before, error_after]| {
-            let (before, after) = (excess_before - error_before, (excess_after - error_after).max(0.0));
+            let (before, after) = (excess_before + error_before, (excess_after + error_after).max(0.0));
             // Without a gap before, how much of it closed is anybody's guess.
             if before > 0.0 { (1.0 - after / before, 1.0 - after / before) } else { (f64::NEG_INFINITY, 1.0) }
         })
@@ -314,6 +331,7 @@ fn summarise([before, after, floor]: [f64; 3], errors: impl Iterator<Item = [f64
     Shrink {
         before: before.sqrt(),
         after: after.sqrt(),
+        floor_before: floor_before.sqrt(),
         floor: floor.sqrt(),
         shrink,
         low: cut,
@@ -325,14 +343,14 @@ fn summarise([before, after, floor]: [f64; 3], errors: impl Iterator<Item = [f64
 pub fn verdict(all: &Shrink) -> Verdicts {
     let percent = |share: f64| format!("{:.0}", 100.0 * share);
     let mut verdicts = Verdicts::default();
-    if all.before <= all.floor {
+    if all.before <= all.floor_before {
         verdicts.add(
             "no-gap",
             all.before,
             format!(
                 "There was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
                 percent(all.before),
-                percent(all.floor)
+                percent(all.floor_before)
             ),
         );
         return verdicts;
@@ -352,7 +370,7 @@ pub fn verdict(all: &Shrink) -> Verdicts {
 
 #[cfg(test)]
 mod tests {
-    use super::super::synthetic::{case, noiseless_case};
+    use super::super::synthetic::{case, linear, noiseless_case};
     use super::*;
 
     const STEPS: usize = 40;
@@ -408,6 +426,83 @@ mod tests {
     fn wave(height: f64) -> Vec<Vec<f64>> {
         let at = |t: usize| height * (9.0 * t as f64 / STEPS as f64).sin();
         vec![(0..STEPS).map(at).collect(), (0..STEPS).map(|t| 0.5 * at(t)).collect()]
+    }
+
+    /// A straight line in each observable, and with an effect a bend more, beside a measurement that has `bent` of the
+    /// bend and `missed` of a wave that neither has: how far the gap shrinks, as measured and in truth.
+    fn with_effect(seed: u64, bent: f64, missed: f64, runs: usize) -> (Shrink, f64) {
+        let x = |t: usize| t as f64 / (STEPS - 1) as f64;
+        let pattern = |first: &dyn Fn(f64) -> f64, second: f64| -> Vec<Vec<f64>> {
+            let curve: Vec<f64> = (0..STEPS).map(|t| first(x(t))).collect();
+            vec![curve.clone(), curve.iter().map(|y| second * y).collect()]
+        };
+        let mut patterns =
+            vec![pattern(&|_| 1.0, 1.0), pattern(&|x| 10.0 * x, -0.5), pattern(&|x| 5.0 * x, 2.0)];
+        let bend = pattern(&|x| (4.0 * x).cos(), 1.0);
+        // Of opposite signs, so that the effect can follow nothing of it.
+        let wave = pattern(&|x| (9.0 * x).sin(), -1.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let clean: Vec<Vec<f64>> = (0..2)
+            .map(|j| {
+                let at = |t: usize| {
+                    patterns[1][j][t] + 5.0 * patterns[2][j][t] + bent * bend[j][t] + missed * wave[j][t]
+                };
+                (0..STEPS).map(at).collect()
+            })
+            .collect();
+        let noisy: Vec<Vec<f64>> =
+            clean.iter().map(|curve| curve.iter().map(|y| y + standard_normal(&mut rng)).collect()).collect();
+        let mut observations = case(1, &clean, 0.0, 1, 1.0).observations;
+        observations.values = noisy.clone();
+        let ranges = observations.ranges();
+        let calibrated = |patterns: &[Vec<Vec<f64>>], seed: u64| {
+            let drawn = linear(&noisy, patterns, runs, seed);
+            let mut ensemble = Ensemble::new(&observations, false);
+            for (run, curves) in drawn.curves.iter().enumerate() {
+                ensemble.push(&run.to_string(), curves, None);
+            }
+            let parameters: Vec<String> = (0..patterns.len()).map(|k| format!("p{k}")).collect();
+            let weights =
+                Weights { parameters, ..weights(&ensemble, vec![1.0 / runs as f64; runs], drawn.values) };
+            // The same without noise.
+            let best = linear(&clean, patterns, 0, seed).best;
+            let away = |i: usize| ((clean[i / STEPS][i % STEPS] - best[i]) / ranges[i / STEPS]).powi(2);
+            let left: f64 = (0..best.len()).map(away).sum();
+            (Calibrated { ensemble, weights }, left)
+        };
+        let (before, left_before) = calibrated(&patterns, 2 * seed + 1);
+        patterns.push(bend);
+        let (after, left_after) = calibrated(&patterns, 2 * seed + 2);
+        let noise = vec![vec![1.0; STEPS]; 2];
+        let all = shrink(&observations, &before, &after, None, Some(&noise), 1.0, 1).unwrap().pop().unwrap();
+        (all, 1.0 - left_after / left_before)
+    }
+
+    /// How many of 300 intervals hold the truth with an effect, and how far the gap shrinks in the mean, as measured and in
+    /// truth.
+    fn covered_with_effect(bent: f64, missed: f64, runs: usize) -> (usize, f64, f64) {
+        let (mut holds, mut measured, mut truly) = (0, 0.0, 0.0);
+        for seed in 0..300 {
+            let (all, truth) = with_effect(seed, bent, missed, runs);
+            holds += usize::from((all.low - 1e-9..=all.high + 1e-9).contains(&truth));
+            measured += all.shrink / 300.0;
+            truly += truth / 300.0;
+        }
+        (holds, measured, truly)
+    }
+
+    #[test]
+    fn an_effect_that_changes_nothing_does_not_shrink_the_gap() {
+        let (holds, measured, truly) = covered_with_effect(0.0, 4.0, 60);
+        assert!(truly.abs() < 1e-9 && measured.abs() < 1e-3, "{measured}");
+        assert!((249..=288).contains(&holds), "{holds} of 300");
+    }
+
+    #[test]
+    fn intervals_hold_where_an_effect_is_part_of_the_gap() {
+        let (holds, measured, truly) = covered_with_effect(1.0, 2.0, 60);
+        assert!((measured - truly).abs() < 0.01, "{measured} {truly}");
+        assert!((249..=288).contains(&holds), "{holds} of 300");
     }
 
     fn shrinks(pair: &Pair, known: bool) -> Vec<Shrink> {
@@ -469,7 +564,7 @@ mod tests {
     fn no_gap_before_leaves_everything_open() {
         let all = shrinks(&pair(2, &wave(0.0), &wave(0.0), 0.0), true).pop().unwrap();
         assert!(all.low <= -0.9 && all.high == 1.0, "{all:?}");
-        let none = summarise([1.0, 0.5, 1.5], std::iter::repeat_n([0.1, 0.1], REPLICATES));
+        let none = summarise([1.0, 0.5, 1.5, 1.5], std::iter::repeat_n([0.1, 0.1], REPLICATES));
         assert_eq!((none.shrink, none.low, none.high), (0.0, -1.0, 1.0));
         assert_eq!(verdict(&none).rows[0].code, "no-gap");
     }
@@ -484,9 +579,9 @@ mod tests {
         };
         assert!((shrinks[0].before.powi(2) / square(0) - 1.0).abs() < 1e-12);
         assert!((shrinks[2].before.powi(2) / ((square(0) + square(1)) / 2.0) - 1.0).abs() < 1e-12);
-        let left = |row: &Shrink, gap: f64| gap * gap - row.floor * row.floor;
+        let left = |gap: f64, floor: f64| gap * gap - floor * floor;
         for row in &shrinks {
-            let expected = 1.0 - left(row, row.after).max(0.0) / left(row, row.before);
+            let expected = 1.0 - left(row.after, row.floor).max(0.0) / left(row.before, row.floor_before);
             assert!((row.shrink - expected).abs() < 1e-12, "{row:?}");
         }
         // Three parameters were fitted to 80 readings of unit noise.

@@ -1,10 +1,11 @@
 //! Calibrations with a known answer, for tests.
 
+use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::noise::Noise;
+use super::noise::{Noise, standard_normal};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 
@@ -75,4 +76,37 @@ fn build(seed: u64, gap: &[Vec<f64>], size: f64, phi: f64, runs: usize, width: f
     let weights = gl_numeric::statistics::normalised(&ln_weights).unwrap();
     let noise_sd = vec![vec![1.0; steps]; 2];
     Case { observations, ensemble, weights, noise_sd, values: parameters }
+}
+
+/// A calibration of Σ θₖ patternₖ to values of two observables with white noise of unit variance: runs drawn from its
+/// very posterior, under a prior that is flat.
+///
+/// * `patterns` — each of shape (observables, steps).
+pub fn linear(observed: &[Vec<f64>], patterns: &[Vec<Vec<f64>>], runs: usize, seed: u64) -> Drawn {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let seen = DVector::from_vec(observed.concat());
+    let design = DMatrix::from_fn(seen.len(), patterns.len(), |i, k| {
+        patterns[k][i / observed[0].len()][i % observed[0].len()]
+    });
+    let factor = Cholesky::new(design.tr_mul(&design)).unwrap();
+    let best = factor.solve(&design.tr_mul(&seen));
+    let draw = |_| {
+        let unit = DVector::from_fn(patterns.len(), |_, _| standard_normal(&mut rng));
+        let theta = &best + factor.l().tr_solve_lower_triangular(&unit).unwrap();
+        let curve = &design * &theta;
+        let curves = curve.as_slice().chunks(observed[0].len()).map(<[f64]>::to_vec).collect();
+        (theta.as_slice().to_vec(), curves)
+    };
+    let (values, curves) = (0..runs).map(draw).unzip();
+    Drawn { best: (&design * best).as_slice().to_vec(), values, curves }
+}
+
+/// Runs from a posterior.
+pub struct Drawn {
+    /// The best fit, shape (observables · steps).
+    pub best: Vec<f64>,
+    /// Parameters, one row a run.
+    pub values: Vec<Vec<f64>>,
+    /// Shape (runs, observables, steps).
+    pub curves: Vec<Vec<Vec<f64>>>,
 }

@@ -159,7 +159,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let world =
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
         let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
-        let problem = problem(bench, predictor, &design.prior, &candidates, observations)?;
+        let problem =
+            problem(bench, predictor, &design.prior, &candidates, observations)?.believing(&shared.prior);
         let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let explanations = &diagnosis.attribution.explanations;
@@ -194,7 +195,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             }
             None => {
                 before = Some(now);
-                let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?;
+                let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?
+                    .believing(&shared.prior);
                 let count = rounds.pointed(pointed);
                 pointed += 1;
                 let explanations = &found.0.attribution.explanations;

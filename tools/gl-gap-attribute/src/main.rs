@@ -185,8 +185,15 @@ fn run(args: &Args) -> Result<()> {
     if noise.is_none() {
         note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
     }
+    let believed =
+        args.prior.as_ref().map(|path| Ok::<_, anyhow::Error>((Prior::read(path)?, path.display())));
+    let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
     let measured = (&observations, tests.clone());
-    let problem = Problem::of_tests(&emulator, &prior, candidates.clone(), measured, noise, args.scatter)?;
+    let mut problem =
+        Problem::of_tests(&emulator, &prior, candidates.clone(), measured, noise, args.scatter)?;
+    if let Some((believed, _)) = &believed {
+        problem = problem.believing(believed);
+    }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     write(args.output.as_deref(), &diagnosis)?;
     if let Some(path) = &args.effects_out {
@@ -209,9 +216,6 @@ fn run(args: &Args) -> Result<()> {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
         write_next(path, count, args, &problem, &diagnosis)?;
     }
-    let believed =
-        args.prior.as_ref().map(|path| Ok::<_, anyhow::Error>((Prior::read(path)?, path.display())));
-    let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
     let believed = believed.as_ref().map(|(prior, path)| (prior, path.as_str()));
     let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), believed, args.seed)?;
     gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref())?;

@@ -16,7 +16,7 @@ use gl_table::TableWriter;
 /// Say how far the gap closes from one calibrated simulation to another.
 ///
 /// The gap is the root mean square of measurement minus posterior mean over the range of the
-/// measurement; `floor` is what noise and scatter alone would give. One row an observable and a last
+/// measurement; `floor` is what noise and scatter alone would give after, `floor_before` before. One row an observable and a last
 /// one for all, each with a 90 % interval.
 #[derive(Parser)]
 #[command(name = "gl-gap-shrink", version, after_help = EXAMPLE)]
@@ -138,11 +138,28 @@ fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {
 }
 
 fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Result<()> {
-    let columns = ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"];
+    let columns = [
+        "observable",
+        "gap_before",
+        "gap_after",
+        "floor",
+        "shrink",
+        "shrink_low",
+        "shrink_high",
+        "floor_before",
+    ];
     let mut table = TableWriter::create(path, &columns)?;
     let names = observables.iter().map(String::as_str).chain(["all"]);
     for (name, row) in names.zip(shrinks) {
-        table.text(name).numbers(&[row.before, row.after, row.floor, row.shrink, row.low, row.high]);
+        table.text(name).numbers(&[
+            row.before,
+            row.after,
+            row.floor,
+            row.shrink,
+            row.low,
+            row.high,
+            row.floor_before,
+        ]);
         table.end_row()?;
     }
     table.finish()

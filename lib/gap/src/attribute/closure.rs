@@ -72,18 +72,29 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 /// the covariance if it has one: the gap that is left when the base parameters are calibrated again beside
 /// them, above what noise and scatter would give, of the gap before. Readings that are far off do not count.
 ///
+/// Where bounds are wider than was believed, neither goes further beyond than the explanation does: the base model
+/// closes no gap by what is not believed, and an effect closes none by what the base parameters do.
+///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Result<f64> {
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
-    let parameters = problem.prior.base().len();
+    let within = believed(problem, &model.point(w));
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
-        let (mean, slopes) = own.gradient(&explanation.best()[..own.len()]);
-        let mut left = DMatrix::from_vec(mean.len(), 1, own.residual(&mean));
+        let best = &explanation.best()[..own.len()];
         // In the metric of the one noise, so that the two are compared alike.
-        absorb(&model, w, &slopes.columns(0, parameters).into_owned(), &mut left)?;
+        let left = match &within {
+            Some(within) => recalibrated((&model, w), &own, best, within)?,
+            None => {
+                let (mean, slopes) = own.gradient(best);
+                let mut left = DMatrix::from_vec(mean.len(), 1, own.residual(&mean));
+                let of_base = slopes.columns(0, problem.prior.base().len()).into_owned();
+                absorb(&model, w, &of_base, &mut left)?;
+                left
+            }
+        };
         let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
         let share =
             |i: usize| problem.counts(i) * (left[i] / problem.ranges[problem.observable_of(i)]).powi(2);
@@ -91,6 +102,86 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
         Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     };
     Ok(1.0 - left(left_by(base)?, left_by(of)?, floor(&model, w)?))
+}
+
+/// A parameter of the prior, and the coordinates between which it stays.
+type Within = (usize, f64, f64);
+
+/// Where the base parameters are believed to be, and as far beyond as a point is; nothing where no bounds are wider
+/// than was believed.
+fn believed(problem: &Problem<'_>, point: &[f64]) -> Option<Vec<Within>> {
+    let within = |j: usize| {
+        let (low, high) = problem.beliefs[j].map_or((0.0, 1.0), |belief| belief.bounds());
+        (j, low.min(point[j]), high.max(point[j]))
+    };
+    let is_wider = problem.beliefs.iter().any(Option::is_some);
+    is_wider.then(|| problem.prior.base().into_iter().map(within).collect())
+}
+
+/// What is left of the measurement, shape (readings, 1), when the base parameters of a model are calibrated again
+/// within bounds, from where they are, in the metric of another model's noise and scatter: Gauss–Newton steps of
+/// those that no bound holds.
+fn recalibrated(
+    (metric, at): (&Model<'_>, &[f64]),
+    own: &Model<'_>,
+    w: &[f64],
+    within: &[Within],
+) -> Result<DMatrix<f64>> {
+    const STEPS: usize = 12;
+    const SHORTER: [f64; 4] = [1.0, 0.4, 0.15, 0.05];
+    let predictor = own.problem().predictor;
+    let none = vec![0.0; predictor.basis().ncols()];
+    let solve = |columns: &DMatrix<f64>| metric.with_covariance(at, &none, |c| c.solve(columns));
+    let measured = |point: &[f64]| -> Result<(DMatrix<f64>, f64)> {
+        let residual = own.residual(&own.measured_at(point, w));
+        let residual = DMatrix::from_vec(residual.len(), 1, residual);
+        let square = solve(&residual)?.dot(&residual);
+        Ok((residual, square))
+    };
+    let mut point = own.point(w);
+    within.iter().for_each(|&(j, low, high)| point[j] = point[j].clamp(low, high));
+    let (mut residual, mut square) = measured(&point)?;
+    for _ in 0..STEPS {
+        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let slopes = by_coordinate.select_columns(within.iter().map(|(j, ..)| j));
+        let solved = solve(&slopes)?;
+        let uphill = solved.tr_mul(&residual);
+        let is_free = |&k: &usize| {
+            let (j, low, high) = within[k];
+            if uphill[k] < 0.0 { point[j] > low } else { point[j] < high }
+        };
+        let free: Vec<usize> = (0..within.len()).filter(is_free).collect();
+        let mut information = slopes.tr_mul(&solved).select_columns(&free).select_rows(&free);
+        if free.is_empty() {
+            break;
+        }
+        let least = f64::MIN_POSITIVE.max(1e-9 * information.diagonal().max());
+        for k in 0..free.len() {
+            information[(k, k)] += least;
+        }
+        let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
+        let step = factor.solve(&uphill.select_rows(&free));
+        let mut better = None;
+        for share in SHORTER {
+            let mut next = point.clone();
+            for (&k, step) in free.iter().zip(step.iter()) {
+                let (j, low, high) = within[k];
+                next[j] = (next[j] + share * step).clamp(low, high);
+            }
+            let (there, value) = measured(&next)?;
+            if value < square {
+                better = Some((next, there, value));
+                break;
+            }
+        }
+        let Some((next, there, value)) = better else { break };
+        let gained = square - value;
+        (point, residual, square) = (next, there, value);
+        if gained < 0.01 {
+            break;
+        }
+    }
+    Ok(residual)
 }
 
 /// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated

@@ -200,9 +200,10 @@ impl<'a> Model<'a> {
         let mut point = self.off.clone();
         for (&j, &w) in self.free.iter().zip(w) {
             let parameter = &self.problem.prior.parameters()[j];
-            point[j] = match parameter.normal {
-                None => normal_cdf(w),
-                Some(_) => parameter.coordinate(parameter.quantile(normal_cdf(w))),
+            point[j] = match (self.problem.beliefs[j], parameter.normal) {
+                (Some(belief), _) => belief.coordinate(normal_cdf(w)),
+                (None, None) => normal_cdf(w),
+                (None, Some(_)) => parameter.coordinate(parameter.quantile(normal_cdf(w))),
             };
         }
         point

@@ -5,6 +5,7 @@ use std::ops::Range;
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use crate::attribute::belief::Belief;
 use crate::attribute::gaussian::{Filled, Level, Patterns};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::predictor::Predictor;
@@ -19,6 +20,8 @@ pub struct Problem<'a> {
     pub predictor: &'a dyn Predictor,
     /// The parameters and their prior.
     pub prior: &'a Prior,
+    /// What was believed of each parameter before its bounds were made wider, shape (parameters,).
+    pub beliefs: Vec<Option<Belief>>,
     /// What may explain the gap.
     pub candidates: Vec<Candidate>,
     /// What was measured, shape (readings,).
@@ -149,6 +152,7 @@ impl<'a> Problem<'a> {
         Ok(Self {
             predictor,
             prior,
+            beliefs: vec![None; prior.parameters().len()],
             candidates,
             observed: observations.values.concat(),
             ranges,
@@ -199,6 +203,12 @@ impl<'a> Problem<'a> {
     /// The readings of each observable.
     pub fn blocks(&self) -> Vec<Range<usize>> {
         (0..self.ranges.len()).map(|j| self.own(j)).collect()
+    }
+
+    /// The same where the bounds of parameters are wider than was believed: what lies beyond is less likely.
+    pub fn believing(mut self, believed: &Prior) -> Self {
+        self.beliefs = Belief::all(self.prior, believed);
+        self
     }
 
     /// A factor of the covariance of the emulator's error at the variances of its components, with
