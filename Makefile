@@ -81,8 +81,10 @@ diagnose: build
 
 ## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 40 minutes.
 ##                                  RUNS=10: runs of the design an input, SEED=…: other cases,
-##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all
+##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all,
+##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures
 CASES ?= 200
+WORLDS ?= contact triaxial
 CONDITION ?= as-stated
 CONDITIONS = as-stated noise-0.5 noise-0.85 noise-2 noise-5 unstated correlated-0.5 correlated-0.9 heavy-tails outliers \
     remainder-1 remainder-2 remainder-4 other-form outside beyond idle one-observable ten-steps
@@ -90,7 +92,7 @@ withheld: RUNS := $(or $(RUNS),25)
 withheld: SEED := $(or $(SEED),9006)
 withheld: build
 	@for condition in $(if $(filter all,$(CONDITION)),$(CONDITIONS),$(CONDITION)); do dirs=; \
-	     for world in contact triaxial; do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED); mkdir -p $$dir; \
+	     for world in $(WORLDS); do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED); mkdir -p $$dir; \
 	         echo "## $$world, $$condition"; \
 	         withheld generate $$world $$dir --num $(CASES) --seed $(SEED) --condition $$condition && \
 	         withheld diagnose $$world $$dir --runs $(RUNS) --condition $$condition && \

@@ -250,3 +250,27 @@ fn a_diagnosis_of_tests_that_is_called_again_does_nothing_and_takes_kept_runs() 
     folder.write("case/case.toml", format!("kept = \"kept.txt\"\n{}", case.replace("p = 2", "p = 1")));
     folder.refuses("gl-check case", &["kept: kept runs of low and of high cannot be told apart"]);
 }
+
+#[test]
+fn a_test_of_a_single_reading_narrows_what_the_others_leave_open() {
+    let folder = bent(false);
+    let mut runs = "sample step t height\n".to_owned();
+    let bends = folder.column("samples.txt", "bend");
+    for (name, bend) in folder.texts("samples.txt", "description").iter().zip(bends) {
+        writeln!(runs, "{name} 0 0 {}", 5.0 - 2.0 * bend).unwrap();
+    }
+    folder.write("heap-runs.txt", runs).write("heap.txt", "t height\n0 4.4\n");
+    let sd_of_the_bend = |tests: &str| {
+        folder
+            .run(&format!("{CALL} {LOW} {tests} --max-effects 1 --posterior-out posterior.txt -o table.txt"));
+        assert_eq!(folder.texts("table.txt", "hypothesis")[0], "bending");
+        let [hypothesis, parameter] =
+            ["hypothesis", "parameter"].map(|name| folder.texts("posterior.txt", name));
+        let row = hypothesis.iter().zip(&parameter).position(|(of, name)| of == "bending" && name == "bend");
+        folder.column("posterior.txt", "sd")[row.unwrap()]
+    };
+    let alone = sd_of_the_bend("low=low-runs.txt");
+    let heap = "--test heap:heap.txt:t:height:height=0.002 low=low-runs.txt heap=heap-runs.txt";
+    let both = sd_of_the_bend(&format!("{heap} --measurement drift,lag"));
+    assert!(both < 0.5 * alone, "{both} {alone}");
+}
