@@ -37,7 +37,7 @@ struct Args {
     /// Table of parameters, with the columns effect and off
     #[arg(short, long, value_name = "FILE")]
     params: PathBuf,
-    /// Table of parameters as it was believed, where the bounds of --params are wider: what lies beyond it is said first
+    /// Table of parameters as it was believed, where the bounds of --params are wider: what lies beyond it is less likely, and said first
     #[arg(long, value_name = "FILE")]
     prior: Option<PathBuf>,
     /// Samples of the design

@@ -26,16 +26,19 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    left_of_noise(model, w, &model.nuisances(w).scales)
+    left_of_noise(model, w, &model.nuisances(w).scales, (model, w))
 }
+
+/// A model without a rest and its parameters, by whose noise and scatter is calibrated.
+type Metric<'m, 'a> = (&'m Model<'a>, &'m [f64]);
 
 /// Root mean square over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
 /// scatter.
-fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64]) -> Result<f64> {
+fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<f64> {
     let problem = model.problem();
     let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
-    absorb(model, w, &slopes, &mut errors)?;
+    absorb(metric.0, metric.1, &slopes, &mut errors)?;
     let share = |i: usize| {
         let square = errors.row(i).norm_squared() / problem.ranges[problem.observable_of(i)].powi(2);
         problem.counts(i) * square
@@ -80,7 +83,8 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Result<f64> {
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
-    let within = believed(problem, &model.point(w));
+    let is_wider = problem.beliefs.iter().any(Option::is_some);
+    let within = is_wider.then(|| believed(problem, &model.point(w)));
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
         let best = &explanation.best()[..own.len()];
@@ -107,22 +111,20 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
 /// A parameter of the prior, and the coordinates between which it stays.
 type Within = (usize, f64, f64);
 
-/// Where the base parameters are believed to be, and as far beyond as a point is; nothing where no bounds are wider
-/// than was believed.
-fn believed(problem: &Problem<'_>, point: &[f64]) -> Option<Vec<Within>> {
+/// Where the base parameters are believed to be, and as far beyond as a point is.
+fn believed(problem: &Problem<'_>, point: &[f64]) -> Vec<Within> {
     let within = |j: usize| {
         let (low, high) = problem.beliefs[j].map_or((0.0, 1.0), |belief| belief.bounds());
         (j, low.min(point[j]), high.max(point[j]))
     };
-    let is_wider = problem.beliefs.iter().any(Option::is_some);
-    is_wider.then(|| problem.prior.base().into_iter().map(within).collect())
+    problem.prior.base().into_iter().map(within).collect()
 }
 
 /// What is left of the measurement, shape (readings, 1), when the base parameters of a model are calibrated again
 /// within bounds, from where they are, in the metric of another model's noise and scatter: Gauss–Newton steps of
 /// those that no bound holds.
 fn recalibrated(
-    (metric, at): (&Model<'_>, &[f64]),
+    (metric, at): Metric<'_, '_>,
     own: &Model<'_>,
     w: &[f64],
     within: &[Within],
@@ -212,18 +214,26 @@ const DRAWS: usize = 400;
 ///
 /// The real simulation differs from its emulator by what the emulator says it may. Under the second
 /// model the measurement itself tells part of that difference: what is left of it is emulator's error, the rest
-/// and noise, in proportion to their variances. The first model's gap tells nothing of it. Each model loses the
-/// floor that its own parameters leave of the noise.
+/// and noise, in proportion to their variances. The first model's gap tells nothing of it, and neither does what it
+/// makes of its misfit, a large or a correlated noise: both are calibrated in the metric of the second one's, within the
+/// bounds that were believed. Each model loses the floor that its own parameters leave of the noise.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // One noise, that of the model which is right.
-    let noise = after.model.nuisances(after.mode.w.as_slice()).scales;
-    let floors = [own_floor(before, &noise)?, own_floor(after, &noise)?];
+    let plain = after.model.plain();
+    let metric = (&plain, &after.mode.w.as_slice()[..plain.len()]);
+    let noise = plain.nuisances(metric.1).scales;
+    let own_floor = |fitted: &Fitted<'_>| {
+        let own = fitted.model.plain();
+        left_of_noise(&own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
+    };
+    let floors = [own_floor(before)?, own_floor(after)?];
     let readings = after.mean.len() as f64;
-    let (before, after) = (gaps(before, false, &mut random)?, gaps(after, true, &mut random)?);
+    let (before, after) =
+        (gaps_before(before, metric, &mut random)?, gaps_after(after, metric, &mut random)?);
     let shrinks: Vec<f64> = before
         .iter()
         .zip(&after)
@@ -239,52 +249,71 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
 }
 
-/// What is left of noise of these scales, shape (observables,), and of the scatter when a model is calibrated to it.
-fn own_floor(fitted: &Fitted<'_>, scales: &[f64]) -> Result<f64> {
-    let plain = fitted.model.plain();
-    let w = &fitted.mode.w.as_slice()[..plain.len()];
-    left_of_noise(&plain, w, scales)
+/// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one, whose errors the
+/// measurement tells nothing of.
+fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+    let (own, problem) = (fitted.model.plain(), fitted.model.problem());
+    let w = &fitted.mode.w.as_slice()[..own.len()];
+    let within = believed(problem, &metric.0.point(metric.1));
+    let residual = recalibrated(metric, &own, w, &within)?;
+    let errors = emulator_errors(fitted);
+    let mut real = -(&errors * DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random)));
+    let (_, slopes) = own.gradient(w);
+    absorb(metric.0, metric.1, &slopes, &mut real)?;
+    real.column_iter_mut().for_each(|mut column| column += &residual);
+    Ok(gaps(problem, &real))
 }
 
-/// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one. If the
-/// model is `right`, its errors are drawn given the measurement.
-fn gaps(fitted: &Fitted<'_>, right: bool, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+/// The same of the model that is right: its errors are drawn given the measurement.
+fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     let (model, problem) = (fitted.model, fitted.model.problem());
     let w = fitted.mode.w.as_slice();
-    // As it says itself: that its errors have heavy tails is for the odds of a hypothesis, not for their size.
-    let variance: Vec<f64> = model.curve(w).variance.iter().map(|v| v / HEAVY_TAILS).collect();
+    let variance = own_variance(fitted);
     let (_, slopes) = model.gradient(w);
     let residual = DVector::from_vec(model.residual(fitted.mean));
-    let errors = problem.emulator_errors(&variance).columns(0, variance.len()).into_owned();
-    let mut unit = DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
-    if right {
-        // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E.
-        let mut columns = errors.clone().insert_column(errors.ncols(), 0.0);
-        columns.set_column(errors.ncols(), &residual);
-        let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&columns))?;
-        let product = errors.tr_mul(&solved);
-        let left = DMatrix::identity(errors.ncols(), errors.ncols()) - product.columns(0, errors.ncols());
-        let eigen = SymmetricEigen::new((&left + left.transpose()) * 0.5);
-        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
-        unit = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit;
-        unit.column_iter_mut().for_each(|mut column| column += product.column(errors.ncols()));
-    }
+    let errors = emulator_errors(fitted);
+    // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E.
+    let mut columns = errors.clone().insert_column(errors.ncols(), 0.0);
+    columns.set_column(errors.ncols(), &residual);
+    let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&columns))?;
+    let product = errors.tr_mul(&solved);
+    let left = DMatrix::identity(errors.ncols(), errors.ncols()) - product.columns(0, errors.ncols());
+    let eigen = SymmetricEigen::new((&left + left.transpose()) * 0.5);
+    let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+    let unit = DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
+    let mut unit = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit;
+    unit.column_iter_mut().for_each(|mut column| column += product.column(errors.ncols()));
     let mut real = -(&errors * unit);
     real.column_iter_mut().for_each(|mut column| column += &residual);
-    if right {
-        // What the components leave out of a reading, given its sum with the noise.
-        let scales = model.nuisances(w).scales;
-        for (i, left_out) in problem.predictor.left_over().iter().enumerate() {
-            let noise = (scales[problem.observable_of(i)] * problem.units[i]).powi(2);
-            let share = left_out / (left_out + noise);
-            let sd = (share * noise).sqrt();
-            real.row_mut(i).apply(|r| *r = (1.0 - share) * *r + sd * standard_normal(random));
-        }
+    // What the components leave out of a reading, given its sum with the noise.
+    let scales = model.nuisances(w).scales;
+    for (i, left_out) in problem.predictor.left_over().iter().enumerate() {
+        let noise = (scales[problem.observable_of(i)] * problem.units[i]).powi(2);
+        let share = left_out / (left_out + noise);
+        let sd = (share * noise).sqrt();
+        real.row_mut(i).apply(|r| *r = (1.0 - share) * *r + sd * standard_normal(random));
     }
-    let plain = model.plain();
-    absorb(&plain, &w[..plain.len()], &slopes, &mut real)?;
+    absorb(metric.0, metric.1, &slopes, &mut real)?;
+    Ok(gaps(problem, &real))
+}
+
+/// Variances of the components at the mode as the emulator says itself: that its errors have heavy tails is for the
+/// odds of a hypothesis, not for their size.
+fn own_variance(fitted: &Fitted<'_>) -> Vec<f64> {
+    let curve = fitted.model.curve(fitted.mode.w.as_slice());
+    curve.variance.iter().map(|v| v / HEAVY_TAILS).collect()
+}
+
+/// A factor of the covariance of the components' errors, shape (readings, components).
+fn emulator_errors(fitted: &Fitted<'_>) -> DMatrix<f64> {
+    let variance = own_variance(fitted);
+    fitted.model.problem().emulator_errors(&variance).columns(0, variance.len()).into_owned()
+}
+
+/// The gaps of residuals, shape (readings, draws).
+fn gaps(problem: &Problem<'_>, real: &DMatrix<f64>) -> Vec<f64> {
     let seen = DVector::from_column_slice(&problem.observed);
-    Ok(real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect())
+    real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect()
 }
 
 #[cfg(test)]
