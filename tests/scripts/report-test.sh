@@ -182,8 +182,8 @@ a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
     grep -q 'seed 3' made/report.md
     grep -q 'seed 3' made/report.html
     grep -q 'gl-diagnose case --engine embedded --out made num=20 seed=3 design_num=60 iterations=2' made/report.html
-    # Seven more for the calibration with the effect in, if one was found.
-    with_everything_in made/report.html $((11 + 7 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
+    # Six more for the calibration with the effect in, if one was found.
+    with_everything_in made/report.html $((10 + 6 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
 }
 
 # A verdict says by its code what it means; its words may be any.

@@ -437,7 +437,8 @@ damage_in_a_packed_file_is_said_when_it_is_unpacked() {
 the_measurements_are_what_their_scripts_make() {
     cp -r "$ROOT/examples" .
     local name
-    for name in linear hyperbola; do
+    needs python3 python3
+    for name in linear hyperbola oscillator; do
         rm "examples/$name/obs.txt"
         "examples/$name/make-obs"
         cmp "examples/$name/obs.txt" "$ROOT/examples/$name/obs.txt"
