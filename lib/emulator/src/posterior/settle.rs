@@ -276,7 +276,7 @@ impl Sampler<'_> {
         }
         let start_density = Some(Start { mixtures, dimensions: known });
         let posterior = Posterior { likelihood: &likelihood, space: self.space, start: start_density };
-        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed: seed ^ 0xf00d })
+        sample(&posterior, start, Effort { moves: 1.5, last_moves: 8.0, sweeps: 8, seed: seed ^ 0xf00d })
     }
 }
 
