@@ -209,8 +209,16 @@ impl Diagnosis<'_> {
         for file in ["shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
-        let columns =
-            ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"];
+        let columns = [
+            "observable",
+            "gap_before",
+            "gap_after",
+            "floor",
+            "shrink",
+            "shrink_low",
+            "shrink_high",
+            "floor_before",
+        ];
         TableWriter::create(Some(table), &columns)?.finish()?;
         Ok(Progress::Finished)
     }

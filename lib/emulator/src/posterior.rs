@@ -506,11 +506,9 @@ impl Inference {
     pub fn is_unfit(&self) -> bool {
         let is_enough = self.runs.len() >= ENOUGH_RUNS.0 * self.space.len() + ENOUGH_RUNS.1;
         let is_far = self.proof.is_some_and(|proof| proof.z > UNFIT_Z && proof.error > UNFIT_ERROR);
-        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS;
-        // Far from the posterior, where nothing is known yet, a batch may surprise.
-        let is_wrong = self.surrogate.rmse > UNFIT_ERROR && (is_far || is_rough);
+        let is_rough = self.surrogate.kurtosis > UNFIT_KURTOSIS && self.surrogate.rmse > UNFIT_ERROR;
         let is_many = self.runs.len() >= MANY_RUNS * self.space.len() + ENOUGH_RUNS.1;
-        is_enough && is_wrong || is_many && self.ignorance > UNFIT_IGNORANCE
+        is_enough && (is_far || is_rough) || is_many && self.ignorance > UNFIT_IGNORANCE
     }
 
     /// The measurement as it was compared.

@@ -20,7 +20,8 @@ pub struct Proof {
     pub z: f64,
     /// Probability of errors at least as large, if the emulator is right.
     pub p: f64,
-    /// Root mean square of the errors, over all readings, in standard deviations of the noise; the median run.
+    /// Root mean square of the errors, over all readings, in standard deviations of the noise; the median of the runs
+    /// that fit well, and zero where none does: far from the posterior anything may surprise.
     pub error: f64,
 }
 
@@ -43,7 +44,9 @@ pub fn prove(
 ) -> Result<Option<Proof>> {
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
-    let mut squares = Vec::new();
+    let near: HashSet<String> =
+        ranked.curves().take(ranked.near()).map(|(name, _)| name.to_owned()).collect();
+    let (mut runs, mut squares) = (0, Vec::new());
     let (mut total, mut degrees) = (0.0, 0.0);
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
@@ -51,15 +54,16 @@ pub fn prove(
         let (square, count, error) = surprise(before, space, (measured, variance), &x, &curve);
         total += square;
         degrees += count;
-        squares.push(error);
+        runs += 1;
+        squares.extend(Some(error).filter(|_| near.contains(name)));
     }
-    if squares.is_empty() || degrees < 1.0 {
+    if runs == 0 || degrees < 1.0 {
         return Ok(None);
     }
     squares.sort_by(f64::total_cmp);
-    let median = squares[squares.len() / 2];
+    let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
     let p = ChiSquared::new(degrees).map_or(1.0, |law| 1.0 - law.cdf(total));
-    Ok(Some(Proof { runs: squares.len(), z: (total / degrees).sqrt(), p, error: median }))
+    Ok(Some(Proof { runs, z: (total / degrees).sqrt(), p, error: median }))
 }
 
 /// The square of a run's error in standard deviations of what was predicted, its degrees of freedom, and
