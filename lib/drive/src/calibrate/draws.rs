@@ -42,7 +42,7 @@ impl Iteration<'_> {
         let Some(known) = &self.setting.known else { return Ok(false) };
         let unused = self.file(".unused.txt");
         let call = self
-            .posterior(&[known.samples.clone()], self.runs(), 0)
+            .posterior(std::slice::from_ref(&known.samples), self.runs(), 0)
             .flag("--next-out", samples)
             .flag("-o", &unused)
             .args(known.tables(self.setting.case));
