@@ -227,7 +227,8 @@ impl Inference {
                 name,
                 format!(
                     "the residuals of {name} are correlated from step to step ({correlation:.2}), {:.0} readings \
-                     in {} are independent; {counted}",
+                     in {} are independent; {counted}. Noise that is not white looks so, and so does a model that \
+                     misses the measurement",
                     self.independent_readings,
                     self.measured().values.len()
                 ),
