@@ -160,7 +160,10 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.loo_out {
         let readings = readings(&inference, &places)?;
         write_rows(Some(path), &readings)?;
-        verdicts.rows.extend(loo::verdicts(&readings, inference.is_noise_restated()).rows);
+        // What an emulator does not know covers every reading: that says nothing of the measurement.
+        if ["emulator-ignorant", "emulator-unfit"].iter().all(|code| verdicts.find(code).is_none()) {
+            verdicts.rows.extend(loo::verdicts(&readings, inference.is_noise_restated()).rows);
+        }
     }
     gl_cli::conclude("gl-posterior", &verdicts, args.verdict.as_deref())?;
     inference.weights().write(args.output.as_deref())
