@@ -42,7 +42,7 @@ impl Samples {
         Self::of_columns(table, |_| true)
     }
 
-    fn of_columns(table: &Table, is_wanted: impl Fn(usize) -> bool) -> Result<Self> {
+    pub(crate) fn of_columns(table: &Table, is_wanted: impl Fn(usize) -> bool) -> Result<Self> {
         let description = table.format().column("description")?;
         let columns: Vec<usize> = (0..table.format().columns().len())
             .filter(|&j| {

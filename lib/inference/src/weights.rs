@@ -47,7 +47,7 @@ impl Weights {
     pub fn read_samples(path: &Path) -> Result<Samples> {
         let table = Table::read(path)?;
         if table.format().find("description")?.is_some() || table.format().find("weight")?.is_none() {
-            return Samples::from_table(&table);
+            return Samples::of_columns(&table, |column| !table.holds_words(column));
         }
         table.check_end()?;
         let Self { source, samples, parameters, values, .. } = Self::from_table(&table)?;
