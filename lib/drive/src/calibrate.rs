@@ -110,16 +110,12 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
 fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
     let Setting { case, out, .. } = *setting;
     for (t, test) in case.tests.iter().enumerate() {
-        let (within, name) = match test.name.as_str() {
-            "" => (PathBuf::new(), "ensemble.txt".to_owned()),
-            name => (PathBuf::from(name), format!("ensemble-{name}.txt")),
-        };
-        let of = |i| out.join(format!("iter{i}")).join(&within).join("ensemble.txt");
+        let of = |i| setting.folder_of(i, test).join("ensemble.txt");
         let known = setting.known.iter().map(|known| known.ensembles[t].clone());
         let ensembles: Vec<PathBuf> = known.chain((0..=last).map(of)).collect();
         let whole = out.join(".ensemble.txt");
         join(&ensembles, &whole, None)?;
-        copy(&whole, &out.join(name))?;
+        copy(&whole, &out.join(emulated::of_test_or_none("ensemble", test, "")))?;
         std::fs::remove_file(&whole)?;
     }
     let folder = out.join(format!("iter{last}"));

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::{Case, Engine, Posterior};
 use gl_gap::attribute::winner::winning_effects;
+use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
 use gl_table::{Table, TableWriter};
 
@@ -209,17 +210,7 @@ impl Diagnosis<'_> {
         for file in ["shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
-        let columns = [
-            "observable",
-            "gap_before",
-            "gap_after",
-            "floor",
-            "shrink",
-            "shrink_low",
-            "shrink_high",
-            "floor_before",
-        ];
-        TableWriter::create(Some(table), &columns)?.finish()?;
+        TableWriter::create(Some(table), &COLUMNS)?.finish()?;
         Ok(Progress::Finished)
     }
 

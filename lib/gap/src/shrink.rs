@@ -24,6 +24,10 @@ pub struct Calibrated {
     pub weights: Weights,
 }
 
+/// The columns of its table, one row an observable and a last one for all.
+pub const COLUMNS: [&str; 8] =
+    ["observable", "gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high", "floor_before"];
+
 /// The gap of one observable, or of all, before and after; root mean squares over the steps, as shares
 /// of the range of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]

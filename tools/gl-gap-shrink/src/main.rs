@@ -8,7 +8,7 @@ use anyhow::{Error, Result, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{Calibrated, Compared, Shrink, shrink, shrink_tests, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, shrink, shrink_tests, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -138,17 +138,7 @@ fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {
 }
 
 fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Result<()> {
-    let columns = [
-        "observable",
-        "gap_before",
-        "gap_after",
-        "floor",
-        "shrink",
-        "shrink_low",
-        "shrink_high",
-        "floor_before",
-    ];
-    let mut table = TableWriter::create(path, &columns)?;
+    let mut table = TableWriter::create(path, &COLUMNS)?;
     let names = observables.iter().map(String::as_str).chain(["all"]);
     for (name, row) in names.zip(shrinks) {
         table.text(name).numbers(&[
