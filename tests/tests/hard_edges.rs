@@ -140,6 +140,27 @@ fn a_stream_that_breaks_off_does_not_pass_for_complete() {
 }
 
 #[test]
+fn samples_without_a_misfit_are_said() {
+    let folder = collected(6);
+    folder.run("gl-likelihood -b obs.txt -c x -v y ensemble.txt -o misfit.txt");
+    let name = &folder.texts("samples.txt", "description")[4];
+    let rows = folder.read("misfit.txt");
+    // As where the writer was killed between two samples.
+    let cut: String = rows
+        .lines()
+        .take_while(|row| !row.starts_with(name.as_str()))
+        .map(|row| format!("{row}\n"))
+        .collect();
+    let said = |misfit: &str| {
+        let output = folder.call("gl-filter -s samples.txt -o w.txt -", misfit);
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(said(&cut).contains(&format!("2 of 6 samples have no misfit, {name} first: left out")));
+    assert!(!said(&rows).contains("no misfit"));
+}
+
+#[test]
 fn a_stream_that_breaks_off_late_says_so_in_its_last_line() {
     let folder = collected(6);
     let output =

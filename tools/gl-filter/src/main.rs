@@ -119,6 +119,11 @@ fn run(args: &Args) -> Result<()> {
     let places = places(&samples, &misfits)?;
     let mut used = vec![false; samples.len()];
     places.iter().for_each(|&i| used[i] = true);
+    if let Some(first) = used.iter().position(|used| !used).filter(|_| incomplete.is_empty()) {
+        let (lacking, all) = (samples.len() - misfits.len(), samples.len());
+        let first = &samples.names[first];
+        note("gl-filter", format!("{lacking} of {all} samples have no misfit, {first} first: left out"));
+    }
     let ln_proposal = ln_balance_heuristic(&samples, &counts, &proposals(args)?, &used)?;
     let runs = Runs::new(misfits.total.clone(), places.iter().map(|&i| ln_proposal[i]).collect())?;
     let values: Vec<Vec<f64>> = places.iter().map(|&i| samples.values[i].clone()).collect();
