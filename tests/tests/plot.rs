@@ -472,7 +472,7 @@ fn the_curves_of_several_tests_lie_over_the_measurement_of_each() {
         assert!(has_text(&svg, label), "{label}");
     }
     for (from, to, says) in [
-        ("a 0.9 high q 2 6 3.5\n", "", "bad.txt:8: the steps of none are not those of the measurement"),
+        ("a 0.9 high q 2 6 3.5\n", "", "bad.txt:7: the steps of none are not those of the measurement"),
         ("a 0.9 high q 2", "a 0.9 high q 4", "bad.txt:4: the steps of a are not those"),
         ("none 0.1 high", "none 0.1 other", "bad.txt:8: no --test has the observable q of other"),
         (
