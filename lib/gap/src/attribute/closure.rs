@@ -1,5 +1,7 @@
 //! How much of the gap a hypothesis closes, and how much the real simulation would.
 
+use std::ops::AddAssign;
+
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use rand::SeedableRng;
@@ -26,25 +28,31 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    left_of_noise(model, w, &model.nuisances(w).scales, (model, w))
+    let squares = left_of_noise(model, w, &model.nuisances(w).scales, (model, w))?;
+    Ok(squares.iter().sum::<f64>().sqrt())
 }
 
 /// A model without a rest and its parameters, by whose noise and scatter is calibrated.
 type Metric<'m, 'a> = (&'m Model<'a>, &'m [f64]);
 
-/// Root mean square over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
-/// scatter.
-fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<f64> {
+/// Mean squares over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
+/// scatter: that of the noise of each observable, and behind them that of the scatter.
+fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<Vec<f64>> {
     let problem = model.problem();
     let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
     absorb(metric.0, metric.1, &slopes, &mut errors)?;
-    let share = |i: usize| {
-        let square = errors.row(i).norm_squared() / problem.ranges[problem.observable_of(i)].powi(2);
-        problem.counts(i) * square
-    };
-    let sum: f64 = (0..errors.nrows()).map(share).sum();
-    Ok((sum / errors.nrows() as f64).sqrt())
+    let readings = errors.nrows();
+    let scattered = errors.ncols() - readings;
+    let mut squares = vec![0.0; scales.len() + 1];
+    for (k, error) in errors.column_iter().enumerate() {
+        let of = if k < scattered { scales.len() } else { problem.observable_of(k - scattered) };
+        let share = |(i, e): (usize, &f64)| {
+            problem.counts(i) * (e / problem.ranges[problem.observable_of(i)]).powi(2)
+        };
+        squares[of] += error.iter().enumerate().map(share).sum::<f64>() / readings as f64;
+    }
+    Ok(squares)
 }
 
 /// Take out of errors, shape (readings, errors), what calibration absorbs by slopes of the curve, shape
@@ -231,22 +239,41 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
         left_of_noise(&own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
     };
     let floors = [own_floor(before)?, own_floor(after)?];
-    let readings = after.mean.len() as f64;
+    let levels = noise_levels(after, &noise, &mut random);
     let (before, after) =
         (gaps_before(before, metric, &mut random)?, gaps_after(after, metric, &mut random)?);
     let shrinks: Vec<f64> = before
         .iter()
         .zip(&after)
-        .map(|(&before, &after)| {
-            // The square of the noise in so many readings is known no better than to the root of 2/n.
-            let level = (1.0 + (2.0 / readings).sqrt() * standard_normal(&mut random)).max(0.0);
-            let above = |gap: f64, floor: f64| (gap * gap - level * floor * floor).max(0.0);
-            let (before, after) = (above(before, floors[0]), above(after, floors[1]));
+        .zip(&levels)
+        .map(|((&before, &after), levels)| {
+            let floor = |squares: &[f64]| squares.iter().zip(levels).map(|(s, level)| s * level).sum::<f64>();
+            let above = |gap: f64, squares: &[f64]| (gap * gap - floor(squares)).max(0.0);
+            let (before, after) = (above(before, &floors[0]), above(after, &floors[1]));
             if before > 0.0 { 1.0 - (after / before).min(1.0) } else { 0.0 }
         })
         .collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
+}
+
+/// Draws of the squares of the noise over those of these scales, shape (draws, observables + 1), the scatter's behind them,
+/// which is as it is: what is noise, and what a rest that looks like it, is known no better than the posterior says.
+fn noise_levels(fitted: &Fitted<'_>, scales: &[f64], random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let (model, mode) = (fitted.model, fitted.mode);
+    let first = model.curve_parameters();
+    let count = model.len() - first;
+    let spread = mode.covariance.view((first, first), (count, count)).into_owned();
+    let root = Cholesky::new(spread.clone())
+        .map_or_else(|| DMatrix::from_diagonal(&spread.diagonal().map(f64::sqrt)), |factor| factor.l());
+    let draw = |_| {
+        let away = &root * DVector::from_fn(count, |_, _| standard_normal(random));
+        let mut w = mode.w.clone();
+        w.rows_mut(first, count).add_assign(&away);
+        let drawn = model.nuisances(w.as_slice()).scales;
+        drawn.iter().zip(scales).map(|(drawn, scale)| (drawn / scale).powi(2)).chain([1.0]).collect()
+    };
+    (0..DRAWS).map(draw).collect()
 }
 
 /// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one, whose errors the
