@@ -109,6 +109,12 @@ coverage: build
 bench: build
 	@scripts/dev/bench/run
 
+## make site                        README, docs and examples as pages with links, in out/site; they need no network
+site: build
+	@rm -rf out/site
+	@site out/site
+	@echo "The site begins with out/site/index.html"
+
 ## make man                         manual pages and completions, in out/man
 man: build
 	@mkdir -p out/man
@@ -148,4 +154,4 @@ dist:
 clean:
 	@rm -rf out
 
-.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld coverage bench man install dist clean
+.PHONY: help demo test build calibrate check iteration submit status cancel report diagnose withheld coverage bench site man install dist clean

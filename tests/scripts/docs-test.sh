@@ -40,8 +40,18 @@ the_demo_ends_with_a_verdict_and_a_picture() {
     [ -s out/demo-embedded/report.html ]
 }
 commands_of_the_tutorial_run() {
+    needs python3 python3
     with_commands_of docs/tutorial.md
     [ -s out/collision/report.html ] && [ -s out/contact-effects-diagnosis/report.html ]
+    # What the page says of its own case is so, and that case is the example.
+    local out=out/my-oscillator-diagnosis
+    [ -s $out/report.html ]
+    grep -q '^noise-too-small' $out/base/iter*/posterior-verdict.txt
+    same "$(cat $out/winner.txt)" friction
+    grep -q '^cause.friction' $out/attribution-verdict.txt
+    grep -q '^closes' $out/shrink-verdict.txt
+    same "$(tr -s ' ' '\t' <my-oscillator/params.txt)" "$(cat examples/oscillator/params.txt)"
+    same "$(sed 's/ *#.*//' my-oscillator/case.toml)" "$(cat examples/oscillator/case.toml)"
 }
 commands_on_tables_run() { with_commands_of docs/tables.md; }
 commands_on_calibration_run() { with_commands_of docs/calibration.md; }
@@ -71,13 +81,64 @@ commands_for_pbs_run() {
 commands_on_pictures_run() { with_commands_of docs/pictures-compared.md; }
 commands_on_grainlearning_run() { needs python3 python3; with_commands_of docs/coming-from-grainlearning.md; }
 
-links_of_the_pages_lead_somewhere() {
-    local page link
-    for page in "$ROOT"/README.md "$ROOT"/docs/*.md; do
-        while read -r link; do
-            [ -e "$(dirname "$page")/${link%%#*}" ] || { echo "$page: $link"; return 1; }
-        done < <(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//' | grep -v -e '^http' -e '^#')
+# Every address in the pages of a site leads to a file in it, and to a heading of it where one is named; nothing comes
+# from elsewhere.
+with_links_of() {
+    python3 - "$1" <<'END'
+import pathlib, sys, urllib.parse
+from html.parser import HTMLParser
+
+
+class Page(HTMLParser):
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.names = [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        assert tag not in ("script", "link", "iframe"), tag
+        for key, value in attributes:
+            if key in ("href", "src"):
+                self.links.append((key, value))
+            if key == "id":
+                self.names.add(value)
+
+
+root = pathlib.Path(sys.argv[1]).resolve()
+pages = {path: Page(path.read_text()) for path in root.rglob("*.html")}
+count = 0
+for path, page in pages.items():
+    for key, link in page.links:
+        if key == "href" and link.startswith("http"):
+            continue
+        file, _, name = urllib.parse.unquote(link).partition("#")
+        to = (path.parent / file).resolve() if file else path
+        assert to.is_file() and root in to.parents, (path, link)
+        assert not name or name in pages[to].names, (path, link)
+        count += 1
+print(len(pages), "pages,", count, "links")
+END
+}
+
+# A site of all pages, and none where a link leads nowhere.
+pages_become_a_site_and_a_dead_link_is_said() {
+    needs python3 python3
+    local site=${GL_BIN:-$ROOT/target/release}/site page
+    "$site" --root "$ROOT" made
+    with_links_of made
+    for page in "$ROOT"/docs/*.md "$ROOT"/examples/*/README.md; do
+        page=${page#"$ROOT"/}
+        page=${page/README.md/index.md}
+        [ -s "made/${page%.md}.html" ] || { echo "no $page"; return 1; }
     done
+    # The tutorial comes first.
+    same "$(grep -o '<a href="[^"]*">' made/index.html | sed -n 1p)" '<a href="docs/tutorial.html">'
+    mkdir copy
+    cp -r "$ROOT"/{README.md,CONTRIBUTING.md,CHANGELOG.md,docs,examples} copy
+    echo '[nowhere](tables.md#no-such-heading)' >>copy/docs/tutorial.md
+    ends_with 2 "$site" --root copy other
+    says 'docs/tutorial.md: tables.md#no-such-heading'
+    [ ! -e other ]
 }
 
 names_of_yade_in_the_pages_are_yades() {

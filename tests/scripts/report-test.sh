@@ -54,6 +54,8 @@ a_calibration_becomes_one_file_with_its_pictures() {
     with_everything_in made/report.html 6
     grep -q '2 iterations made 40 runs, of which 0 failed' made/report.html
     grep -q '<pre>gl-calibrate case --engine embedded --out made num=20 iterations=2</pre>' made/report.html
+    # Words that a newcomer stumbles over are explained where they stand.
+    grep -q 'the weights are tempered: every run counts nearly alike' made/report.html
     grep -q 'off in the calibration: w tau plastic' made/report.html
     # What is doubtful stands before everything else.
     same "$(grep -nE 'class="doubts"|id="calibrated"' made/report.html | sed 's/^[0-9]*://; s/.*\(doubts\|calibrated\).*/\1/' | paste -sd ' ')" 'doubts calibrated'
@@ -183,6 +185,8 @@ a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
     grep -q 'seed 3' made/report.html
     grep -q 'gl-diagnose case --engine embedded --out made num=20 seed=3 design_num=60 iterations=2' made/report.html
     # Six more for the calibration with the effect in, if one was found.
+    same "$(grep -c '<pre>gl-.* -o picture.pdf</pre>' made/report.html)" "$(grep -c '<figcaption>' made/report.html)"
+    if grep -o '<pre>gl-.* -o picture.pdf</pre>' made/report.html | grep -F /tmp; then return 1; fi
     with_everything_in made/report.html $((10 + 6 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
 }
 

@@ -90,7 +90,7 @@ impl World {
     /// The files that a call names, or that lie in folders that it names.
     fn inputs(&self, call: &Call) -> BTreeMap<PathBuf, Vec<u8>> {
         let line = call.line;
-        let named: Vec<&str> = line.split([' ', ',', '=']).collect();
+        let named: Vec<&str> = line.split([' ', ',', '=', ':']).collect();
         let is_named = |path: &PathBuf| {
             path.ancestors().any(|part| {
                 !part.as_os_str().is_empty() && named.iter().any(|name| part == std::path::Path::new(name))

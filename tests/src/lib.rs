@@ -6,6 +6,7 @@ pub mod folder;
 pub mod fuzz;
 pub mod line;
 pub mod packed;
+pub mod site;
 pub mod withheld;
 
 use std::env;

@@ -454,6 +454,62 @@ fn the_curves_of_hypotheses_lie_over_the_measurement_and_what_they_leave_below()
     }
 }
 
+const CURVES_OF_TESTS: &str = "hypothesis probability test observable step control predicted\n\
+    a 0.9 low f 0 0 1\na 0.9 low f 1 1 2\na 0.9 high q 1 5 3\na 0.9 high q 2 6 3.5\n\
+    none 0.1 low f 0 0 1\nnone 0.1 low f 1 1 1\nnone 0.1 high q 1 5 2\nnone 0.1 high q 2 6 2\n";
+
+#[test]
+fn the_curves_of_several_tests_lie_over_the_measurement_of_each() {
+    let folder = Tables::with(&[
+        ("low.txt", "u f\n0 1\n1 2.1\n"),
+        ("high.txt", "e q\n4 2\n5 3\n6 3.4\n7 4\n"),
+        ("curves.txt", CURVES_OF_TESTS),
+    ]);
+    let tests = "--test low:low.txt:u:f:f=0.1 --test high:high.txt:e:q:q=0.2";
+    let svg = folder.svg(&format!("hypotheses {tests} --units u=mm,q=kPa,e=s curves.txt"));
+    assert_eq!([count(&svg, "panel"), series(&svg, "a"), series(&svg, "noise")], [4, 4, 2]);
+    for label in ["low.f", "u (mm)", "high.q (kPa)", "left of high.q (kPa)", "e (s)", "a (0.90)"] {
+        assert!(has_text(&svg, label), "{label}");
+    }
+    for (from, to, says) in [
+        ("a 0.9 high q 2 6 3.5\n", "", "bad.txt:8: the steps of none are not those of the measurement"),
+        ("a 0.9 high q 2", "a 0.9 high q 4", "bad.txt:4: the steps of a are not those"),
+        ("none 0.1 high", "none 0.1 other", "bad.txt:8: no --test has the observable q of other"),
+        (
+            "none 0.1 high q 1 5 2\nnone 0.1 high q 2 6 2\n",
+            "",
+            "bad.txt: no curve of none for high.q; every hypothesis has one",
+        ),
+    ] {
+        folder.0.write("bad.txt", CURVES_OF_TESTS.replace(from, to));
+        let message = folder.error(&format!("hypotheses {tests} bad.txt"));
+        assert!(message.contains(says), "{message}");
+    }
+    let message = folder.error("hypotheses -b low.txt curves.txt");
+    assert!(message.contains("the curves of tests; give each as --test NAME:OBS:"), "{message}");
+}
+
+#[test]
+fn the_gap_of_one_of_several_tests_is_that_of_its_observables_and_its_weighed_runs() {
+    let runs = "sample step u f\na 0 0 1\na 1 1 2\na 2 2 3\nlost 0 0 9\nlost 1 1 9\nlost 2 2 9\n";
+    let folder = Tables::with(&[
+        (
+            "gap.txt",
+            "observable from to gap gap_sd z share significant\nlow.f 0 2 0 1 0.1 0 no\nhigh.q 0 9 3 0.5 6 0.9 yes\n",
+        ),
+        ("obs.txt", "u f\n0 1\n1 2\n2 3\n"),
+        ("runs.txt", runs),
+        ("weights.txt", "sample k weight\na 1 1\n"),
+    ]);
+    let svg = folder.svg("gap --of low -b obs.txt -e runs.txt -w weights.txt --noise f=0.1 gap.txt");
+    assert_eq!([count(&svg, "panel"), series(&svg, "readings")], [2, 1]);
+    assert!(has_text(&svg, "gap of f / sd"));
+    let message = folder.error("gap --of none gap.txt");
+    assert!(message.contains("--of none: gap.txt has no observable none.NAME"), "{message}");
+    let message = folder.error("gap -b obs.txt -e runs.txt -w weights.txt --noise f=0.1 gap.txt");
+    assert!(message.contains("no sample lost"), "{message}");
+}
+
 #[test]
 fn pictures_hold_at_one_and_eight_parameters_and_at_ten_and_ten_thousand_samples() {
     for parameters in [1, 2, 8] {

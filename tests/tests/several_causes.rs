@@ -10,6 +10,7 @@ use std::time::SystemTime;
 
 use gl_table::verdict::Verdicts;
 use pipelines::folder::Folder;
+use pipelines::path_with_tools;
 
 /// A noise of no pattern, between -1 and 1.
 fn noise(i: usize) -> f64 {
@@ -171,6 +172,18 @@ fn times(folder: &Folder, out: &str) -> BTreeMap<PathBuf, SystemTime> {
     files.map(|file| (file.clone(), time(&file))).collect()
 }
 
+/// Step, control and prediction of the first hypothesis in one test.
+fn of_winner(folder: &Folder, test: &str, observable: &str) -> Vec<(f64, f64, f64)> {
+    let [hypotheses, tests, observables] =
+        ["hypothesis", "test", "observable"].map(|name| folder.texts("out/curves.txt", name));
+    let [step, control, predicted] =
+        ["step", "control", "predicted"].map(|name| folder.column("out/curves.txt", name));
+    let is_own = |&row: &usize| {
+        hypotheses[row] == hypotheses[0] && tests[row] == test && observables[row] == observable
+    };
+    (0..step.len()).filter(is_own).map(|row| (step[row], control[row], predicted[row])).collect()
+}
+
 #[test]
 fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_each() {
     let folder = case_of_two_tests();
@@ -202,8 +215,40 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     assert!(failed("high") > 0);
     assert!(folder.read("out/locate.log").contains("failed in the test high: left out"));
     let page = folder.read("out/report.html");
-    for words in ["In low. The gap over", "In high. The gap over", "In high. The emulator behind it"] {
+    for words in [
+        "In low. The gap over",
+        "In high. The gap over",
+        "In high. The emulator behind it",
+        "The base model and the most probable hypotheses, each by its mean curve",
+    ] {
         assert!(page.contains(words), "{words}");
+    }
+    // The curve of the winner is what was measured, in each test, at the steps and the control of that.
+    for (test, observable) in [("low", "y"), ("high", "f")] {
+        let curve = of_winner(&folder, test, observable);
+        let control = folder.column(&format!("case/{test}.txt"), "x");
+        let measured = folder.column(&format!("case/{test}.txt"), observable);
+        assert_eq!(curve.len(), control.len());
+        for (step, (of_step, at, predicted)) in curve.into_iter().enumerate() {
+            assert_eq!((of_step, at), (step as f64, control[step]));
+            assert!((predicted - measured[step]).abs() < 0.03, "{test} {step}");
+        }
+    }
+    // The page names nothing that was gone when it was done: each picture is drawn again as it says.
+    let commands = page.lines().filter_map(|line| line.split_once("how it is drawn</summary><pre>"));
+    let commands: Vec<&str> = commands
+        .filter_map(|(_, rest)| rest.split_once(" -o picture.pdf"))
+        .map(|(command, _)| command)
+        .collect();
+    assert_eq!(commands.len(), page.matches("<figcaption>").count());
+    for command in commands {
+        let drawn = std::process::Command::new("sh")
+            .args(["-c", &format!("{command} -o picture.svg")])
+            .current_dir(folder.path(""))
+            .env("PATH", path_with_tools())
+            .output()
+            .unwrap();
+        assert!(drawn.status.success(), "{command}: {}", String::from_utf8_lossy(&drawn.stderr));
     }
 }
 

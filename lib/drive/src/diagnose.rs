@@ -185,6 +185,12 @@ impl Diagnosis<'_> {
             tables.push(folder.join(RUNS_WEIGHTS).into());
             tables.join(OsStr::new(","))
         };
+        // For the picture of the page.
+        let located = measured(Call::new("gl-gap-locate"), self.case, Which::All)
+            .flag("-w", after.join(RUNS_WEIGHTS))
+            .flag("-o", self.file("locate-after.txt"))
+            .args(ensembles(self.case, &after));
+        self.runner.must(&located, Messages::Kept(&self.file("locate-after.log")))?;
         let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
             .flag("--before", tables(&base))
@@ -207,7 +213,9 @@ impl Diagnosis<'_> {
             return Ok(Progress::Finished);
         }
         gl_cli::note("gl-diagnose", "no effect of the simulator explains the gap, so none is put in");
-        for file in ["shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"] {
+        for file in
+            ["locate-after.txt", "shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"]
+        {
             let _ = std::fs::remove_file(self.file(file));
         }
         TableWriter::create(Some(table), &COLUMNS)?.finish()?;

@@ -3,7 +3,6 @@
 use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use anyhow::{Context, Result};
 use gl_case::{Case as Settled, Column, Engine, Settings, Test};
@@ -79,7 +78,7 @@ impl Case {
     ///
     /// # Errors
     /// If one of its files cannot be read or is of no use, or it has no measurement.
-    pub fn read(folder: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Self> {
+    pub fn read(folder: &Path, engine: Option<Engine>, out: &Path, given: &[String]) -> Result<Self> {
         let settings = match Settings::read(out)? {
             None => Settings::read(&out.join("base"))?,
             settings => settings,
@@ -88,11 +87,10 @@ impl Case {
         kept.extend(given.iter().filter(|setting| !kept.contains(setting)).cloned().collect::<Vec<_>>());
         let given = kept;
         let case = Settled::load(folder, &given)?;
-        let engine =
-            match engine.map(Engine::from_str).transpose()?.or(settings.map(|settings| settings.engine)) {
-                Some(engine) => engine,
-                None => case.engine(None)?.0,
-            };
+        let engine = match engine.or(settings.map(|settings| settings.engine)) {
+            Some(engine) => engine,
+            None => case.engine(None)?.0,
+        };
         let test =
             case.tests.first().with_context(|| format!("{}: no measurement", case.file().display()))?;
         Ok(Self {

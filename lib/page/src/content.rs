@@ -11,7 +11,7 @@ use crate::calibration::{Calibration, Standing, side_by_side};
 use crate::case::Case;
 use crate::grid::Grid;
 use crate::pictures::{self, Picture};
-use crate::tools::{Call, quoted};
+use crate::tools::quoted;
 use crate::verdict::{self, Sentence};
 use crate::{rows, text};
 
@@ -319,13 +319,8 @@ impl Gap {
         if !table.exists() {
             return Ok(None);
         }
-        let work = tempfile::tempdir()?;
-        let located = work.path().join("locate.txt");
-        if let Some(after) = after {
-            let call = case.columns(Call::new("gl-gap-locate"));
-            let call = call.file("-w", &after.weights_of_runs()).file("-o", &located);
-            case.ensembles(call, &after.folder).output()?;
-        }
+        let located = out.join("locate-after.txt");
+        let after = after.filter(|_| located.exists());
         Ok(Some(Self {
             verdict: verdict::read(&out.join("locate-verdict.txt"))?,
             pictures: pictures::gaps(case, &table, base, after.map(|after| (located.as_path(), after)))?,

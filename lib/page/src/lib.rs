@@ -18,6 +18,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use gl_case::Engine;
 use gl_table::Sink;
 
 /// Write OUT/report.html, and for a diagnosis OUT/report.md; what was written.
@@ -29,7 +30,7 @@ use gl_table::Sink;
 ///
 /// # Errors
 /// If there is no calibration in the folder, a table cannot be read, or a picture cannot be drawn.
-pub fn write(case: &Path, engine: Option<&str>, out: &Path, given: &[String]) -> Result<Vec<PathBuf>> {
+pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) -> Result<Vec<PathBuf>> {
     let case = case::Case::read(case, engine, out, given)?;
     let has_base = out.join("base").is_dir();
     let wider = Some(out.join("base-wider")).filter(|wider| wider.is_dir());

@@ -1,11 +1,8 @@
 //! The pictures of a page, as gl-plot draws them.
 
-use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Result;
-use gl_inference::weights::Weights;
-use gl_table::{Table, TableWriter};
 use serde::Serialize;
 
 use crate::calibration::Calibration;
@@ -142,59 +139,24 @@ pub fn gaps(
     base: &Calibration,
     after: Option<(&Path, &Calibration)>,
 ) -> Result<Vec<Picture>> {
-    let work = tempfile::tempdir()?;
     let gap = |of: &Measured| {
-        let own = |what: &str| work.path().join(format!("{what}-{}.txt", of.name));
-        let stretches = |located: &Path, what: &str| -> Result<PathBuf> {
-            if of.name.is_empty() {
-                return Ok(located.to_owned());
-            }
-            let is_own = |name: &str| name.strip_prefix(&of.name)?.strip_prefix('.').map(str::to_owned);
-            part(located, "observable", is_own, own(what))
-        };
-        // A sample that failed in another test has no weight.
-        let runs = |of_stage: &Calibration, what: &str| -> Result<PathBuf> {
-            let all = of.ensemble(&of_stage.folder);
-            if of.name.is_empty() {
-                return Ok(all);
-            }
-            let weights = Weights::read(&of_stage.weights_of_runs())?;
-            let weighed: HashSet<&str> = weights.samples.iter().map(String::as_str).collect();
-            part(&all, "sample", |name| weighed.contains(name).then(|| name.to_owned()), own(what))
-        };
-        let mut call = Call::new("gl-plot").with(["gap"]).file("-b", &of.obs).option("-c", &of.control);
+        let mut call = Call::new("gl-plot").with(["gap"]).option("--of", &of.name).file("-b", &of.obs);
         call = call
+            .option("-c", &of.control)
             .option("--noise", &of.noise)
             .option("--units", &case.units)
-            .file("-e", &runs(base, "base")?)
+            .file("-e", &of.ensemble(&base.folder))
             .file("-w", &base.weights_of_runs());
         if let Some((located, after)) = after {
             call = call
-                .file("--after", &stretches(located, "stretches-after")?)
-                .file("--after-ensemble", &runs(after, "after")?)
+                .file("--after", located)
+                .file("--after-ensemble", &of.ensemble(&after.folder))
                 .file("--after-weights", &after.weights_of_runs());
         }
         let caption = "The gap over its standard deviation along the measurement; stretches that stand out are shaded, with their share of it.";
-        draw(of.captioned(caption), call.with([stretches(located, "stretches")?.display().to_string()]))
+        draw(of.captioned(caption), call.with([located.display().to_string()]))
     };
     case.measured().iter().map(gap).collect()
-}
-
-/// The rows of a table that are kept by the text in a column, with the text that stands there then.
-fn part(table: &Path, column: &str, keep: impl Fn(&str) -> Option<String>, own: PathBuf) -> Result<PathBuf> {
-    let table = Table::read(table)?;
-    let place = table.format().column(column)?;
-    let columns = table.format().columns();
-    let mut writer = TableWriter::create(Some(&own), columns)?;
-    for row in 0..table.len() {
-        let Some(text) = keep(table.field(row, place)) else { continue };
-        for column in 0..columns.len() {
-            writer.text(if column == place { &text } else { table.field(row, column) });
-        }
-        writer.end_row()?;
-    }
-    writer.finish()?;
-    Ok(own)
 }
 
 /// How probable each hypothesis and each effect is.
@@ -214,8 +176,13 @@ pub fn hypotheses(case: &Case, curves: &Path) -> Result<Option<Picture>> {
     if !curves.exists() {
         return Ok(None);
     }
-    let call = Call::new("gl-plot").with(["hypotheses"]).file("-b", &case.obs);
-    let call = call.option("--noise", &case.noise).option("--units", &case.units);
+    let call = Call::new("gl-plot").with(["hypotheses"]);
+    let call = if case.tests.is_empty() {
+        call.file("-b", &case.obs).option("--noise", &case.noise)
+    } else {
+        case.columns(call)
+    };
+    let call = call.option("--units", &case.units);
     draw(
         "The base model and the most probable hypotheses, each by its mean curve over what remains possible, with its \
          probability; and what each leaves of the measurement.",
@@ -229,18 +196,16 @@ pub fn hypotheses(case: &Case, curves: &Path) -> Result<Option<Picture>> {
 /// # Errors
 /// If gl-emulate or gl-plot fails.
 pub fn emulator(case: &Case, of: &Measured, design: &Path) -> Result<Picture> {
-    let work = tempfile::tempdir()?;
-    let (runs, left_out) = (of.ensemble(design), work.path().join("left-out.txt"));
+    let runs = of.ensemble(design);
     let columns = |call: Call| call.option("-c", &of.control).option("-v", &of.observables);
     let call = Call::new("gl-emulate")
         .file("-p", &design.join("params.txt"))
         .file("-s", &design.join("samples.txt"));
-    let call = columns(call).with(["--leave-one-out"]).file("-o", &left_out);
-    call.with([runs.display().to_string()]).output()?;
+    let left_out = columns(call).with(["--leave-one-out"]).with([runs.display().to_string()]);
     let call = columns(Call::new("gl-plot").with(["emulator"])).option("--units", &case.units);
     draw(
         of.captioned("The emulator behind it: each run of the design, predicted from all the others."),
-        call.file("-e", &runs).with([left_out.display().to_string()]),
+        call.file("-e", &runs).fed(&left_out)?,
     )
 }
 

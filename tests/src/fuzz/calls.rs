@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::example;
 use crate::folder::Folder;
 use crate::line;
 use crate::packed::pack;
@@ -30,7 +31,7 @@ impl Call {
     }
 }
 
-const LINES: [(f64, &str); 46] = [
+const LINES: [(f64, &str); 50] = [
     (2.0, "gl-sample -p params.txt -n 20 --seed 3 --method sobol -o out.txt"),
     (1.0, "gl-sample -p effects-params.txt -n auto --effects switch -o out.txt"),
     (3.0, "gl-collect -s samples.txt -b obs.txt -c x -v y runs -o out.txt --status status.txt"),
@@ -61,7 +62,7 @@ const LINES: [(f64, &str); 46] = [
     (1.0, "gl-emulate -p params.txt -s samples.txt --leave-one-out ensemble.txt"),
     (
         0.5,
-        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y -n 20 --noise y=0.3 ensemble.txt -o out.txt --summary s.txt --next 2 --next-out n.txt --run-weights r.txt --run-summary rs.txt --verdict v.txt",
+        "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y -n 20 --noise y=0.3 ensemble.txt -o out.txt --summary s.txt --next 2 --next-out n.txt --run-weights r.txt --run-summary rs.txt --loo-out l.txt --verdict v.txt",
     ),
     (
         0.3,
@@ -71,7 +72,7 @@ const LINES: [(f64, &str); 46] = [
     (1.0, "gl-gap-locate -b obs.txt -c x -v y -w weights.txt --noise y=0.3 ensemble.txt"),
     (
         0.5,
-        "gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y --noise y=0.1 effects-runs.txt -o out.txt --effects-out e.txt --next-out n.txt --rest-out r.txt --verdict v.txt --posterior-out p.txt --predict-shrink s.txt",
+        "gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y --noise y=0.1 effects-runs.txt -o out.txt --effects-out e.txt --next-out n.txt --rest-out r.txt --curves-out c.txt --verdict v.txt --posterior-out p.txt --predict-shrink s.txt",
     ),
     (
         0.3,
@@ -106,6 +107,10 @@ const LINES: [(f64, &str); 46] = [
     (1.0, "gl-plot emulator -e ensemble.txt predicted-runs.txt -o out.svg"),
     (1.0, "gl-plot gap -b obs.txt -e ensemble.txt -w weights.txt -c x --after gap.txt gap.txt -o out.svg"),
     (1.0, "gl-plot attribution --effects effects.txt attribution.txt -o out.svg"),
+    (1.0, "gl-plot predictive -c x --units x=mm,y=N loo.txt -o out.svg"),
+    (1.0, "gl-plot hypotheses -b effects-obs.txt --noise y=0.1 --units x=mm curves.txt -o out.svg"),
+    (1.0, "gl-plot hypotheses --test one:effects-obs.txt:x:y:y=0.1 curves-of-tests.txt -o out.svg"),
+    (0.5, "gl-report line --out made"),
     (1.0, "gl-import old new"),
     (1.0, "gl-contact -s contact-samples.txt -b contact-obs.txt -c u contact-runs"),
     (1.0, "gl-contact --curve E_m=9.3,nu=0.2,w=1 --noise f=0.005,t=0.002 -b contact-obs.txt -c u -o out.txt"),
@@ -155,10 +160,21 @@ pub fn tables() -> Folder {
     folder.write("contact-samples.txt", "description key E_m nu\nc1 0 9.3 0.2\nc2 1 9.1 0.3\n");
     folder.write("contact-obs.txt", "u f t\n0 0 0\n1e-5 1 .1\n2e-5 2 .2\n1e-5 1 .1\n");
     folder.write("triaxial-samples.txt", "description key G0 phi_c\nt1 0 100 32\nt2 1 120 30\n");
+    calibrated(&folder);
     folder.write("case/case.toml", CASE);
     folder.write("case/params.txt", line::PARAMS);
     folder.write("case/obs.txt", folder.read("obs.txt"));
     folder
+}
+
+/// A case that was calibrated, without its runs, which no page reads.
+fn calibrated(folder: &Folder) {
+    for file in ["case.toml", "params.txt", "obs.txt", "linear.awk"] {
+        folder.write(&format!("line/{file}"), std::fs::read(example("linear").join(file)).unwrap());
+    }
+    folder.run("gl-calibrate line --out made num=12 iterations=1");
+    std::fs::remove_dir_all(folder.path("made/iter0/runs")).unwrap();
+    folder.write("loo.txt", folder.read("made/iter0/loo.txt"));
 }
 
 /// A line with a bend that the base model lacks, and what a diagnosis says of it.
@@ -183,7 +199,8 @@ fn effects(folder: &Folder) {
     folder.write("effects-obs.txt", format!("x y\n{rows}"));
     folder.write("box.txt", EFFECTS.replace("a 0 2", "a 0.5 1.5"));
     folder.write("truth.txt", "description key a bend\ntruth 0 1 1\n");
-    folder.run("gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y --noise y=0.1 effects-runs.txt -o attribution.txt --effects-out effects.txt --posterior-out effects-posterior.txt");
+    folder.run("gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y --noise y=0.1 effects-runs.txt -o attribution.txt --effects-out effects.txt --posterior-out effects-posterior.txt --curves-out curves.txt");
+    folder.run("gl-gap-attribute -p effects-params.txt -s effects-samples.txt --test one:effects-obs.txt:x:y:y=0.1 one=effects-runs.txt -o ignored.txt --curves-out curves-of-tests.txt");
 }
 
 /// The calls, with the flags that each tool's `--help` has.

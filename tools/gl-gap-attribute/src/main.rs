@@ -76,7 +76,8 @@ struct Args {
     #[arg(long, value_name = "FILE")]
     rest_out: Option<PathBuf>,
     /// Also write the mean curve of the base model, of each likely hypothesis and of the three likeliest with effects:
-    /// hypothesis, probability, step, control, observables
+    /// hypothesis, probability, step, control, observables; with --test instead
+    /// hypothesis, probability, test, observable, step, control, predicted
     #[arg(long, value_name = "FILE")]
     curves_out: Option<PathBuf>,
     /// Also write what is concluded: code, value, text
@@ -136,6 +137,8 @@ const NEAREST: usize = 3;
 struct Seen {
     observations: Observations,
     tests: Vec<Test>,
+    /// Number of the first compared step of each test, shape (tests,).
+    first: Vec<usize>,
     noise: Option<Vec<Vec<f64>>>,
     ensemble: Ensemble,
 }
@@ -147,13 +150,15 @@ impl Seen {
         let ensemble = measurement.ensemble("gl-gap-attribute", &args.ensembles)?;
         let Measurement { observations, noise, stack } = measurement;
         if let Some(stack) = stack {
-            let tests = Test::of_stack(&stack);
-            return Ok(Self { observations, tests, noise, ensemble });
+            let first = stack.tests.iter().map(|test| test.steps.start).collect();
+            return Ok(Self { observations, tests: Test::of_stack(&stack), first, noise, ensemble });
         }
         let all: Vec<usize> = (0..ensemble.len()).collect();
+        let first = vec![steps.start];
         let observations = observations.part(steps.clone());
         let noise = noise.map(|noise| noise.iter().map(|noise| noise[steps.clone()].to_vec()).collect());
-        Ok(Self { tests: Test::of(&observations), ensemble: ensemble.part(&all, steps), observations, noise })
+        let (tests, ensemble) = (Test::of(&observations), ensemble.part(&all, steps));
+        Ok(Self { tests, first, ensemble, observations, noise })
     }
 }
 
@@ -167,12 +172,7 @@ fn run(args: &Args) -> Result<()> {
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
-    let Seen { observations, tests, noise, ensemble } = Seen::read(args)?;
-    ensure!(
-        args.curves_out.is_none() || tests.len() == 1,
-        "--curves-out: takes one test, there are {}",
-        tests.len()
-    );
+    let Seen { observations, tests, first, noise, ensemble } = Seen::read(args)?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
     let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
     if emulator.missing() > 0 {
@@ -209,8 +209,8 @@ fn run(args: &Args) -> Result<()> {
         write_rest(path, &problem, &diagnosis)?;
     }
     if let Some(path) = &args.curves_out {
-        let first = args.steps.map_or(0, |steps| steps.from);
-        write_curves(path, first, &observations, &diagnosis)?;
+        let tests: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
+        write_curves(path, &tests, &observations, &diagnosis)?;
     }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
@@ -304,16 +304,54 @@ fn write_rest(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Resu
     table.finish()
 }
 
-/// The first of the steps that were looked at is number `first` of the measurement.
-fn write_curves(path: &Path, first: usize, observations: &Observations, diagnosis: &Diagnosis) -> Result<()> {
-    let named = ["hypothesis", "probability", "step", &observations.control_name];
-    let columns: Vec<&str> = named.into_iter().chain(observations.names.iter().map(String::as_str)).collect();
-    let mut table = TableWriter::create(Some(path), &columns)?;
+/// Explanations whose curves are written.
+fn said(diagnosis: &Diagnosis) -> impl Iterator<Item = &Explanation> {
     let all = &diagnosis.attribution.explanations;
     let nearest = all.iter().filter(|of| of.is_cause() && !of.has_rest).take(NEAREST);
     let nearest: Vec<&str> = nearest.chain([diagnosis.base()]).map(|of| of.name.as_str()).collect();
-    let is_said = |of: &&Explanation| of.probability >= LIKELY || nearest.contains(&of.name.as_str());
-    for of in all.iter().filter(is_said) {
+    all.iter().filter(move |of| of.probability >= LIKELY || nearest.contains(&of.name.as_str()))
+}
+
+/// * `tests` — each with the number of the first of its compared steps; one without a name where there is no other.
+fn write_curves(
+    path: &Path,
+    tests: &[(&Test, usize)],
+    observations: &Observations,
+    diagnosis: &Diagnosis,
+) -> Result<()> {
+    if let [(test, first)] = tests
+        && test.name.is_empty()
+    {
+        return write_curves_of_one(path, *first, observations, diagnosis);
+    }
+    let columns = ["hypothesis", "probability", "test", "observable", "step", "control", "predicted"];
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    for of in said(diagnosis) {
+        for (test, first) in tests {
+            for j in test.observables.clone() {
+                let own = &observations.names[j][test.name.len() + 1..];
+                let readings = test.path.control().iter().zip(&of.evidence.mean[test.own(j)]);
+                for (step, (&control, &predicted)) in readings.enumerate() {
+                    table.text(&of.name).number(of.probability).text(&test.name).text(own);
+                    table.numbers(&[(first + step) as f64, control, predicted]).end_row()?;
+                }
+            }
+        }
+    }
+    table.finish()
+}
+
+/// The first of the steps that were looked at is number `first` of the measurement.
+fn write_curves_of_one(
+    path: &Path,
+    first: usize,
+    observations: &Observations,
+    diagnosis: &Diagnosis,
+) -> Result<()> {
+    let named = ["hypothesis", "probability", "step", &observations.control_name];
+    let columns: Vec<&str> = named.into_iter().chain(observations.names.iter().map(String::as_str)).collect();
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    for of in said(diagnosis) {
         for (step, &control) in observations.control.iter().enumerate() {
             let curves = of.evidence.mean.chunks_exact(observations.steps());
             table.text(&of.name).numbers(&[of.probability, (first + step) as f64, control]);

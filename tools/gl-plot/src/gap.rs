@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
+use gl_gap::locate::named;
 use gl_gap::standardised::standardised;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations, Steps};
@@ -46,6 +47,9 @@ pub struct Gap {
     /// Name of the control
     #[arg(short, long, value_name = "NAME")]
     control: Option<String>,
+    /// Of tables of several tests, this one; runs that failed in another test have no weight, and are left out
+    #[arg(long, value_name = "TEST")]
+    of: Option<String>,
     /// Unit of columns, as in u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -81,7 +85,21 @@ fn turns_back(table: &[Stretch]) -> bool {
     })
 }
 
-fn read(path: &Path) -> Result<Vec<Stretch>> {
+/// The stretches of a table; of one test, if it is named.
+fn read(path: &Path, of: Option<&str>) -> Result<Vec<Stretch>> {
+    let mut all = read_all(path)?;
+    let Some(of) = of else { return Ok(all) };
+    let prefix = named(of, "");
+    all.retain_mut(|stretch| {
+        let own = stretch.observable.strip_prefix(&prefix).map(str::to_owned);
+        stretch.observable = own.unwrap_or_default();
+        !stretch.observable.is_empty()
+    });
+    ensure!(!all.is_empty(), "--of {of}: {} has no observable {prefix}NAME", path.display());
+    Ok(all)
+}
+
+fn read_all(path: &Path) -> Result<Vec<Stretch>> {
     let table = Table::read(path)?;
     ensure!(!table.is_empty(), "{}: no rows; there is nothing to draw", table.format().source());
     let observable = table.format().column("observable")?;
@@ -141,9 +159,10 @@ impl Gap {
     }
 
     fn data(&self) -> Result<Data> {
-        let mut tables = vec![(read(&self.gap)?, BEFORE)];
+        let of = self.of.as_deref();
+        let mut tables = vec![(read(&self.gap, of)?, BEFORE)];
         if let Some(after) = &self.after {
-            tables.push((read(after)?, AFTER));
+            tables.push((read(after, of)?, AFTER));
         }
         let along_steps = tables.iter().any(|(table, _)| turns_back(table));
         for stretch in tables.iter_mut().flat_map(|(table, _)| table).filter(|_| along_steps) {
@@ -280,7 +299,17 @@ impl Gap {
         let observations = self.observations.as_deref().context("no measurement")?;
         let observations = Observations::read(observations, &ensemble.control_name, &ensemble.observables)?;
         let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
-        let weights = Weights::read(weights)?.of_runs(&ensemble)?;
+        let weights = Weights::read(weights)?;
+        let ensemble = if self.of.is_some() {
+            let weighed = weights.index();
+            let runs: Vec<usize> = (0..ensemble.len())
+                .filter(|&run| weighed.contains_key(ensemble.samples[run].as_str()))
+                .collect();
+            ensemble.part(&runs, 0..ensemble.steps())
+        } else {
+            ensemble
+        };
+        let weights = weights.of_runs(&ensemble)?;
         let gap = standardised(&observations, &ensemble, &weights, noise.as_deref())?;
         let Ensemble { control_name, observables, .. } = ensemble;
         Ok(Readings { control_name, control: observations.control, observables, gap })

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
+use gl_case::Engine;
 
 /// The report of a calibration or of a diagnosis, as one HTML file with its pictures in it
 ///
@@ -19,7 +20,7 @@ struct Args {
     case: PathBuf,
     /// What made the runs; by default what the results say
     #[arg(short, long, value_name = "ENGINE")]
-    engine: Option<String>,
+    engine: Option<Engine>,
     /// Folder of the results; by default out/CASE-diagnosis if it is there, else out/CASE
     #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -36,7 +37,7 @@ Example:
 
 fn run(args: &Args) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| default_out(&args.case));
-    for path in gl_page::write(&args.case, args.engine.as_deref(), &out, &args.given)? {
+    for path in gl_page::write(&args.case, args.engine, &out, &args.given)? {
         writeln!(io::stdout(), "{}", path.display())?;
     }
     Ok(())

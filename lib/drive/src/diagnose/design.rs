@@ -380,10 +380,7 @@ impl Round<'_> {
             .flag("--predict-shrink", self.file("predicted-shrink.txt"))
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
-            .option(
-                "--curves-out",
-                (!case.has_tests()).then(|| self.file("curves.txt").display().to_string()),
-            )
+            .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(self.diagnosis.rounds()?.pointed(self.pointed)))
             .flag("--name", format!("{}-design", case.name))
