@@ -139,15 +139,7 @@ impl<'a> Comparison<'a> {
                 observations.source
             );
         }
-        let ranges = observations
-            .values
-            .iter()
-            .map(|values| {
-                // A constant observable has no range to be a share of.
-                let size = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-                [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
-            })
-            .collect();
+        let ranges = observations.sizes();
         Ok(Self { observations, covariance, steps, ranges })
     }
 

@@ -8,7 +8,7 @@ use anyhow::{Error, Result, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, shrink, shrink_tests, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, shrink, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -97,23 +97,20 @@ fn run(args: &Args) -> Result<()> {
         .iter()
         .flat_map(|part| part.observations.names.iter().map(|of| named(&part.name, of)))
         .collect();
-    let shrinks = if measurement.stack.is_none() {
-        let Part { observations, noise, .. } = &parts[0];
-        let unseen = unseen(args, observations.steps())?;
-        shrink(observations, &before[0], &after[0], unseen, noise.as_deref(), args.scatter, args.seed)?
-    } else {
-        let compared: Vec<Compared> = parts
-            .iter()
-            .zip(before.iter().zip(&after))
-            .map(|(part, (before, after))| Compared {
-                observations: &part.observations,
-                noise_sd: part.noise.as_deref(),
-                before,
-                after,
-            })
-            .collect();
-        shrink_tests(&compared, args.scatter, args.seed)?
-    };
+    // Of one test alone: --test excludes both options.
+    let unseen = unseen(args, parts[0].observations.steps())?;
+    let compared: Vec<Compared> = parts
+        .iter()
+        .zip(before.iter().zip(&after))
+        .map(|(part, (before, after))| Compared {
+            observations: &part.observations,
+            noise_sd: part.noise.as_deref(),
+            unseen: unseen.as_deref(),
+            before,
+            after,
+        })
+        .collect();
+    let shrinks = shrink(&compared, args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &names)?;
     let verdicts = shrinks.last().map(verdict).unwrap_or_default();
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())

@@ -13,6 +13,7 @@ use anyhow::Result;
 use gl_case::Test;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
+use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
@@ -354,10 +355,8 @@ impl Round<'_> {
     fn failed(&self) -> Result<BTreeSet<String>> {
         let mut failed = BTreeSet::new();
         for test in &self.diagnosis.case.tests {
-            let status = Table::read(&within(&self.folder, test).join("status.txt"))?;
-            let (name, outcome) = (status.format().column("sample")?, status.format().column("status")?);
-            let rows = (0..status.len()).filter(|&row| status.field(row, outcome) != "ok");
-            failed.extend(rows.map(|row| status.field(row, name).to_owned()));
+            let rows = RunStatus::failed(&within(&self.folder, test).join("status.txt"))?;
+            failed.extend(rows.into_iter().map(|row| row.sample));
         }
         Ok(failed)
     }
