@@ -475,7 +475,27 @@ fn first_paragraph(markdown: &str) -> Option<String> {
     let is_prose = |line: &&str| !line.starts_with(['#', '|']) && !line.starts_with("    ");
     let lines = markdown.lines().skip_while(|line| line.trim().is_empty() || !is_prose(line));
     let paragraph: Vec<&str> = lines.take_while(|line| !line.trim().is_empty() && is_prose(line)).collect();
-    (!paragraph.is_empty()).then(|| paragraph.join(" ").replace('`', ""))
+    (!paragraph.is_empty()).then(|| without_links(&paragraph.join(" ").replace('`', "")))
+}
+
+/// The words of `[words](address)`; what is no link stays.
+fn without_links(text: &str) -> String {
+    let mut plain = String::new();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once('[') {
+        plain += before;
+        rest = match after.split_once("](").and_then(|(words, to)| Some((words, to.split_once(')')?.1))) {
+            Some((words, behind)) if !words.contains(['[', ']']) => {
+                plain += words;
+                behind
+            }
+            _ => {
+                plain.push('[');
+                after
+            }
+        };
+    }
+    plain + rest
 }
 
 /// The checksum of POSIX `cksum`: the CRC of the bytes and then of their number, lowest byte first.
@@ -500,6 +520,8 @@ mod tests {
         let markdown = "# Title\n\n| a |\n\nTwo `spheres`\ncollide.\n\nMore.\n";
         assert_eq!(first_paragraph(markdown).unwrap(), "Two spheres collide.");
         assert_eq!(first_paragraph("# Title\n"), None);
+        let markdown = "As [that](../that#a), [x] and [y](.) of a[1](b) [z](\n";
+        assert_eq!(first_paragraph(markdown).unwrap(), "As that, [x] and y of a1 [z](");
     }
 
     #[test]

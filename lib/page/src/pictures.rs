@@ -73,8 +73,9 @@ impl Calibration {
         if !table.exists() {
             return Ok(None);
         }
-        // Several tests have a control each.
-        let control = if case.tests.is_empty() { case.control.as_str() } else { "" };
+        // Several tests may have a control each.
+        let is_shared = case.measured().iter().all(|of| of.control == case.control);
+        let control = if is_shared { case.control.as_str() } else { "" };
         let call = Call::new("gl-plot").with(["predictive"]).option("-c", control);
         let call = call.option("--units", &case.units).with([table.display().to_string()]);
         draw(

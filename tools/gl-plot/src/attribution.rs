@@ -124,7 +124,7 @@ impl Bars {
         let rect = Rect::new(left, top, right, top + ROW * rows.len() as f64 + 4.0);
         // Room for the number at the end of a bar that goes all the way.
         let long = right - left;
-        let high = long / (long - font::width("100 %", SMALL) - 6.0).max(0.5 * long);
+        let high = long / (long - font::width("> 99.9 %", SMALL) - 6.0).max(0.5 * long);
         let span = Span { low: 0.0, high, log: false };
         let mut x = Axis::horizontal(span, Label::new(format!("probability of the {what}")), long);
         x.ticks.retain(|(value, _)| *value <= 1.0);

@@ -140,7 +140,8 @@ impl Emulator {
         let rect = Rect::new(left, top, right, top + size);
         let rms =
             (triples.iter().map(|&(x, y, _)| (x - y).powi(2)).sum::<f64>() / triples.len() as f64).sqrt();
-        let heading = format!("root mean square error {}", gl_figure::number::short(rms));
+        let unit = self.units.get(name).map(|unit| format!(" {unit}")).unwrap_or_default();
+        let heading = format!("root mean square error {}{unit}", gl_figure::number::short(rms));
         let mut panel = Panel::new(format!("predicted against simulated {name}"), rect, x.clone(), y)
             .heading(heading)
             .beside(beside)

@@ -70,7 +70,8 @@ impl Predictive {
             (Key::Area(narrow()), "50 % band".to_owned()),
             (Key::Area(even()), "as many as chance leaves".to_owned()),
         ]);
-        let columns = figure.columns(names.len(), 150.0);
+        // Wide enough for the counts above the bars.
+        let columns = figure.columns(names.len(), 215.0);
         for row in names.chunks(columns) {
             let mut foot = figure.y;
             for (place, name) in row.iter().enumerate() {
