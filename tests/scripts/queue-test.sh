@@ -453,7 +453,8 @@ rows_per_task = 20
 END
     ends_with 0 gl-submit case --engine pbs --diagnose --out fit num=20 iterations=2 design_num=60
     says 'goes on when the runs have ended'
-    with_wait_for is_finished
+    # Two posteriors, a design and its attribution.
+    with_wait_for is_finished || with_wait_for is_finished
     local file
     for file in base/posterior.txt design/round0/attribution.txt attribution.txt shrink.txt; do [ -s "fit/$file" ]; done
     gl-status fit >out
