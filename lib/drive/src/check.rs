@@ -215,12 +215,6 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
 
 /// The model of each test.
 fn check_model_of_tests(case: &Case, engine: Engine, prior: &Prior) -> Result<()> {
-    if engine.is_queue() {
-        bail!(
-            "{}: the engine {engine} takes one test; a case with [[test]] runs by embedded, local or yade-batch",
-            case.places.of_setting("test")
-        );
-    }
     // Kept runs are taken by their parameters, which are all that a table of samples says.
     let same = (0..case.tests.len()).find_map(|i| {
         let is_same = |other: &&Test| engine == Engine::Embedded || other.given == case.tests[i].given;

@@ -22,7 +22,7 @@ use gl_table::Table;
 use super::{Diagnosis, RUNS_WEIGHTS, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::emulated::of_test_or_none;
-use crate::calibrate::iteration::{collect, give, run};
+use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
@@ -221,28 +221,29 @@ impl Round<'_> {
     }
 
     fn run(&self) -> Result<bool> {
-        for test in &self.diagnosis.case.tests {
-            if !self.run_test(test)? {
-                return Ok(false);
-            }
+        let Diagnosis { case, engine, wait, .. } = *self.diagnosis;
+        case.tests.iter().try_for_each(|test| self.give(test))?;
+        in_each_test(case, Some(engine), wait, |test| self.run_test(test))
+    }
+
+    /// The samples of a test that has a name: those of the round, with what is given of the test.
+    fn give(&self, test: &Test) -> Result<()> {
+        let Diagnosis { case, engine, .. } = *self.diagnosis;
+        let folder = within(&self.folder, test);
+        let (all, samples) = (self.file("samples.txt"), folder.join("samples.txt"));
+        if test.name.is_empty() || is_current(&samples, &[&all, &case.file()])? {
+            return Ok(());
         }
-        Ok(true)
+        make_folder(&folder)?;
+        give(&all, test, Some(engine), case.threads, &samples)
     }
 
     /// Run the samples in a test and collect the runs: false where they are in a queue.
     fn run_test(&self, test: &Test) -> Result<bool> {
         let Diagnosis { case, engine, model, runner, wait, .. } = *self.diagnosis;
         let folder = within(&self.folder, test);
-        let (all, samples, ensemble) =
-            (self.file("samples.txt"), folder.join("samples.txt"), folder.join("ensemble.txt"));
-        let mut own = model.to_owned();
-        if !test.name.is_empty() {
-            make_folder(&folder)?;
-            own = case.model_of(test, engine)?;
-            if !is_current(&samples, &[&all, &case.file()])? {
-                give(&all, test, Some(engine), case.threads, &samples)?;
-            }
-        }
+        let (samples, ensemble) = (folder.join("samples.txt"), folder.join("ensemble.txt"));
+        let own = if test.name.is_empty() { model.to_owned() } else { case.model_of(test, engine)? };
         if is_current(&ensemble, &[&samples, &test.obs])? {
             return Ok(true);
         }
