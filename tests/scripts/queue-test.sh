@@ -42,6 +42,13 @@ END
     done
 }
 
+# The same in two tests: a run is noted with its test, and what one does wrong it does in one of them.
+with_tests() {
+    sed -i 's/{a} {b}"/{a} {b} {t}"/' case/case.toml
+    printf '\n[[test]]\nname = "%s"\nobs = "obs.txt"\ngiven = { t = %d }\n' one 1 two 2 >>case/case.toml
+    sed -i 's/echo "\$1"/echo "$1-$5"/; s/^case \$2 in/case $2-$5 in/; s/^    \([12]\))/    \1-1)/; s/^    \([34]\))/    \1-2)/' case/model
+}
+
 with_pbs() {
     export FAKE_PBS=$PWD/pbs PATH=$ROOT/tests/scripts/fake-pbs:$PATH
     mkdir pbs
@@ -155,6 +162,34 @@ END
     RUN_TIMEOUT=2 with_tables_as_undisturbed
 }
 
+several_tests_are_in_the_queue_at_once_and_go_on_after_a_kill() {
+    with_slurm
+    with_case
+    with_tests
+    touch hold
+    ends_with 0 gl-submit case --out fit
+    # One test has ended while a run of the other has no end.
+    with_wait_for is_done_in_the_second_test
+    ends_with 0 gl-status fit
+    grep -q '^iteration 0: 24 runs: .* 1 running, 1 failed, 1 to come' out || { cat out; false; }
+    ends_with 0 gl-cancel fit
+    says '2 jobs cancelled'
+    with_wait_for is_idle
+    ends_with 1 gl-status fit
+    rm hold
+    ends_with 0 gl-submit case --out fit
+    with_wait_for is_idle
+    is_finished
+    # The fourth run fails in one test alone; the third failed once, in the other.
+    same "$(grep -v $'\tok\t' fit/iter1/one/status.txt)" $'sample\tstatus\tdetail'
+    same "$(grep -v $'\tok\t' fit/iter1/two/status.txt | tail -n +2)" \
+        $'line_Iter1_Sample03\tmissing\tno line_Iter1_Sample03_sim.txt; exit code 4'
+    same "$(sort started | uniq -d | grep -v 'Sample03-2')" \
+        "$(printf 'line_Iter%s-1\n' 0_Sample01 0_Sample02 1_Sample02 2_Sample02)"
+    with_tables_as_undisturbed
+}
+is_done_in_the_second_test() { gl-status fit >now && grep -q '^    two: 12 runs: 11 done, 0 running, 1 failed, 0 to come$' now; }
+
 runs_that_the_scheduler_loses_are_submitted_again() {
     with_slurm
     with_case retries=0
@@ -254,6 +289,26 @@ pbs_carries_a_calibration_too() {
     with_wait_for is_finished
     grep -q -- '-W depend=afterany:[0-9]*\[\].fake' pbs/calls
     with_tables_as_undisturbed
+}
+
+where_the_site_limits_tasks_one_test_comes_after_the_other() {
+    with_pbs
+    with_case max_concurrent=2
+    with_tests
+    touch hold
+    ends_with 0 gl-submit case --engine pbs --out fit --iterations 1
+    with_wait_for is_started 2
+    [ -d fit/iter0/one/runs ]
+    absent fit/iter0/two/runs
+    rm hold
+    with_wait_for is_finished
+    with_tables_as_undisturbed --iterations 1
+    # Who waits for the runs has them in the queue at once.
+    sed -i '/^max_concurrent/d' case/case.toml
+    rm -r failed-line_Iter0_Sample02
+    ends_with 0 gl-calibrate case --engine pbs --out waited --iterations 1
+    cmp waited/posterior.txt undisturbed/posterior.txt
+    same "$(grep -c '^gl-run pbs' waited/commands.log)" 2
 }
 
 torque_carries_a_calibration_too() {
@@ -362,7 +417,7 @@ what_holds_jobs_is_said_with_what_to_type() {
 }
 is_waiting_for_the_node() { gl-status fit >now && grep -q 'is drained' now; }
 
-a_diagnosis_lives_in_the_queue() {
+a_diagnosis_of_two_tests_lives_in_the_queue() {
     with_pbs
     cp -r "$ROOT/examples/contact-effects" case
     # The embedded simulator as a command a row.
@@ -371,6 +426,8 @@ a_diagnosis_lives_in_the_queue() {
 set -e
 printf '%s\n' "${1//:/$'\t'}" "${2//:/$'\t'}" >one.txt
 gl-contact --programme cycles -s one.txt .
+# The parameters that it writes do not know the test.
+rm ./*_param.txt
 END
     chmod +x case/one
     sed -i '/^\[model\]/,$d' case/case.toml
@@ -378,6 +435,16 @@ END
     names=$(printf '%s\n' description key && awk -F '[ \t]+' 'NR > 1 && NF && !/^#/ { print $1 }' case/params.txt)
     # shellcheck disable=SC2001  # a name a line
     cat >>case/case.toml <<END
+[[test]]
+name = "first"
+obs = "obs.txt"
+given = { number = 1 }
+
+[[test]]
+name = "again"
+obs = "obs.txt"
+given = { number = 2 }
+
 [model]
 local = "{case}/one $(paste -sd : <<<"$names") $(sed 's/.*/{&}/' <<<"$names" | paste -sd :)"
 
@@ -386,12 +453,14 @@ rows_per_task = 20
 END
     ends_with 0 gl-submit case --engine pbs --diagnose --out fit num=20 iterations=2 design_num=60
     says 'goes on when the runs have ended'
-    with_wait_for is_finished
+    # Two posteriors, a design and its attribution.
+    with_wait_for is_finished || with_wait_for is_finished
     local file
     for file in base/posterior.txt design/round0/attribution.txt attribution.txt shrink.txt; do [ -s "fit/$file" ]; done
     gl-status fit >out
     grep -q '^base: iteration 0: ' out
     grep -q '^design: round 0: [0-9]* runs$' out
+    same "$(cut -f 1 fit/locate.txt | sort -u | paste -sd ' ')" 'again.f again.t first.f first.t observable'
 }
 
 facts "$@"

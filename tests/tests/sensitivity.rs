@@ -109,3 +109,90 @@ fn observables_of_several_tests_are_named_by_test_and_what_makes_no_sense_is_ref
         folder.refuses(&format!("gl-sensitivity -p params.txt -s samples.txt {call} -o new.txt"), &[says]);
     }
 }
+
+/// A design of a base parameter a and an effect b, runs of a planned test z = a + b, and draws under two hypotheses, whose
+/// predictions of z are normal: means 0.5 and 0.7, standard deviations 0.05 and 0.1.
+fn two_hypotheses() -> Folder {
+    let folder = Folder::default();
+    folder.write("params.txt", "name lower upper effect off\na 0 1 - -\nb 0.1 1 jump 0\n");
+    folder.run("gl-sample -p params.txt -n 40 --effects switch -o samples.txt");
+    let mut runs = "sample step x z\n".to_owned();
+    for (name, a, b) in samples_of(&folder, "samples.txt") {
+        writeln!(runs, "{name} 0 0 {}", a + b).unwrap();
+    }
+    let mut draws = "hypothesis probability a b\n".to_owned();
+    let count = 400;
+    for i in 0..count {
+        let normal = gl_numeric::normal::normal_quantile((f64::from(i) + 0.5) / f64::from(count));
+        writeln!(draws, "none 0.3 {} 0", 0.5 + 0.05 * normal).unwrap();
+        writeln!(draws, "jump 0.1 0.3 {}", 0.4 + 0.1 * normal).unwrap();
+    }
+    folder.write("planned.txt", runs).write("draws.txt", draws);
+    folder
+}
+
+#[test]
+fn the_expected_odds_of_two_normal_hypotheses_are_those_of_the_closed_form() {
+    let folder = two_hypotheses();
+    let noise: f64 = 0.08;
+    folder.run(&format!(
+        "gl-sensitivity -p params.txt -s samples.txt --hypotheses draws.txt --plan vague:z=5:planned.txt \
+         --plan sharp:z={noise}:planned.txt --verdict verdict.txt -o odds.txt"
+    ));
+    let column = |name: &str| folder.column("odds.txt", name);
+    let (now, then) = (column("probability_now"), column("probability_then"));
+    let (odds_now, odds_then) = (column("ln_odds_now"), column("ln_odds_then"));
+    assert_eq!(folder.texts("odds.txt", "rival"), ["jump", "none", "jump", "none"]);
+    let variance = [0.05f64.powi(2) + noise * noise, 0.1f64.powi(2) + noise * noise];
+    let (mean, prior) = ([0.5, 0.7], [0.75f64, 0.25]);
+    let joint = |h: usize, y: f64| {
+        prior[h] * (-(y - mean[h]).powi(2) / (2.0 * variance[h])).exp() / variance[h].sqrt()
+    };
+    for h in 0..2 {
+        let other = 1 - h;
+        let (own, rival) = (variance[h], variance[other]);
+        let divergence = 0.5 * ((own + 0.04) / rival - 1.0 + (rival / own).ln());
+        let exact = (prior[h] / prior[other]).ln();
+        // A test that tells nothing leaves all as it is.
+        assert!((then[h] - now[h]).abs() < 0.01 && (now[h] - prior[h]).abs() < 1e-12);
+        assert!((odds_then[2 + h] - exact - divergence).abs() < 0.02, "{} {divergence}", odds_then[2 + h]);
+        assert!((odds_now[2 + h] - exact).abs() < 1e-12);
+        // By the trapezoidal rule.
+        let (mut sum, mut whole) = (0.0, 0.0);
+        for i in -4000..4000 {
+            let y = mean[h] + f64::from(i) * 0.002 * own.sqrt();
+            whole += joint(h, y);
+            sum += joint(h, y).powi(2) / (joint(0, y) + joint(1, y));
+        }
+        assert!((then[2 + h] - sum / whole).abs() < 0.015, "{} {}", then[2 + h], sum / whole);
+    }
+    let verdict = Verdicts::read(&folder.path("verdict.txt")).unwrap();
+    assert_eq!(verdict.find("tells-apart").unwrap().value, "sharp");
+}
+
+#[test]
+fn hypotheses_that_make_no_sense_are_refused() {
+    let folder = two_hypotheses();
+    let draws = folder.read("draws.txt");
+    let changed = |from: &str, to: &str| draws.replace(from, to);
+    let one: String =
+        draws.lines().filter(|line| !line.starts_with("jump")).map(|l| format!("{l}\n")).collect();
+    let short: String = draws.lines().take(4).map(|line| format!("{line}\n")).collect();
+    let half: String = draws.lines().take(3).map(|line| format!("{line}\n")).collect();
+    for (table, says) in [
+        (one, "there must be two at least"),
+        (half, "one draw of none"),
+        (changed("jump 0.1", "jump 0"), "leave out what is ruled out"),
+        (short.clone() + "none 0.4 0.5 0\n", "but none has 0.3 above"),
+        (changed(" a b\n", " a c\n"), "column b"),
+    ] {
+        folder.write("bad.txt", table);
+        let call =
+            "gl-sensitivity -p params.txt -s samples.txt --hypotheses bad.txt --plan p:z=1:planned.txt";
+        folder.refuses(&format!("{call} -o new.txt"), &[says]);
+    }
+    folder.refuses(
+        "gl-sensitivity -p params.txt -s samples.txt --hypotheses draws.txt -o new.txt planned.txt",
+        &["--plan"],
+    );
+}

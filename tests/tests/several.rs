@@ -318,20 +318,38 @@ fn a_gap_that_closes_in_two_tests_is_measured_in_each_and_in_both() {
         folder.write(&format!("{test}-before.txt"), before).write(&format!("{test}-after.txt"), after);
     }
     folder.write("weights.txt", "sample weight\na 1\n");
-    folder.run(&format!(
+    let call = format!(
         "gl-gap-shrink {TESTS} --before one=one-before.txt,two=two-before.txt,weights.txt \
-         --after one=one-after.txt,two=two-after.txt,weights.txt -o shrink.txt --verdict verdict.txt"
-    ));
+         --after one=one-after.txt,two=two-after.txt,weights.txt"
+    );
+    folder.run(&format!("{call} -o shrink.txt --verdict verdict.txt"));
     assert_eq!(folder.texts("shrink.txt", "observable"), ["one.y", "two.f", "all"]);
     let [both, low] = ["gap_before", "shrink_low"].map(|name| folder.column("shrink.txt", name));
     let square = 0.5 * (both[0].powi(2) + both[1].powi(2));
     assert!((both[2].powi(2) - square).abs() < 1e-12);
     assert!(low[2] > 0.8, "{low:?}");
-    folder.run(
-        "gl-gap-shrink -b one.txt -c x -v y --noise y=0.3 --before one-before.txt,weights.txt \
-         --after one-after.txt,weights.txt -o alone.txt",
-    );
-    for name in ["gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"] {
-        assert_eq!(folder.column("alone.txt", name)[0], folder.column("shrink.txt", name)[0], "{name}");
+    let one = "gl-gap-shrink -b one.txt -c x -v y --noise y=0.3 --before one-before.txt,weights.txt \
+               --after one-after.txt,weights.txt";
+    let same = |table: &str| {
+        for name in ["gap_before", "gap_after", "floor", "shrink", "shrink_low", "shrink_high"] {
+            assert_eq!(folder.column("alone.txt", name)[0], folder.column(table, name)[0], "{name}");
+        }
+    };
+    folder.run(&format!("{one} -o alone.txt"));
+    same("shrink.txt");
+    // Where calibration has not seen all of one test, and all of the other.
+    folder.run(&format!("{one} --calibrated 0:8 -o alone.txt"));
+    for seen in ["one=0:8", "one=0:8,two=0:"] {
+        folder.run(&format!("{call} --calibrated {seen} -o unseen.txt"));
+        assert_eq!(folder.texts("unseen.txt", "observable"), ["one.y", "all"]);
+        same("unseen.txt");
     }
+    for (seen, says) in [
+        ("0:8", "the steps of each test"),
+        ("three=0:8", "no test three; they are one, two"),
+        ("two=0:", "saw all steps of each test"),
+    ] {
+        folder.refuses(&format!("{call} --calibrated {seen} -o new.txt"), &[says]);
+    }
+    folder.refuses(&format!("{one} --calibrated one=0:8 -o new.txt"), &["is for --test; give A:B"]);
 }

@@ -9,19 +9,14 @@ use gl_inference::misfit::Incomplete;
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::stack::{OfTest, Stack, Test, TestTables};
 
-/// The measurement of one test, or of several tests of the same samples.
+/// The tables of the measurement and its noise; beside them stand a `control` and `observables`.
 #[derive(Args, Clone, Debug)]
-pub struct Measured {
+pub struct Tables {
     /// Table of the measurement
-    #[arg(short = 'b', long, value_name = "FILE", required_unless_present = "test")]
+    #[arg(short = 'b', long, value_name = "FILE", required_unless_present = "test", display_order = 0)]
     observations: Option<PathBuf>,
-    /// Column of the control
-    #[arg(short, long, value_name = "NAME", required_unless_present = "test")]
-    control: Option<String>,
-    /// Columns of the observables
-    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required_unless_present = "test")]
-    observables: Vec<String>,
-    /// Standard deviation of each observable's noise; by default the _sd columns, else estimated with the fit
+    /// Standard deviation of each observable's noise, as in f=0.02,q=1; by default the _sd columns, else it is not
+    /// known, and estimated where it is needed
     #[arg(long, value_name = "NAME=SD,…")]
     noise: Option<ByName>,
     /// A test, instead of -b -c -v --noise; repeat for several. Its ensemble is then given as NAME=ENSEMBLE, and
@@ -34,11 +29,17 @@ pub struct Measured {
     test: Vec<TestTables>,
 }
 
-impl Measured {
-    /// The tables of the measurement.
-    pub fn tables(&self) -> impl Iterator<Item = &PathBuf> {
-        self.observations.iter().chain(self.test.iter().map(|test| &test.observations))
-    }
+/// The measurement of one test, or of several tests of the same samples.
+#[derive(Args, Clone, Debug)]
+pub struct Measured {
+    /// Column of the control
+    #[arg(short, long, value_name = "NAME", required_unless_present = "test")]
+    control: Option<String>,
+    /// Columns of the observables
+    #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',', required_unless_present = "test")]
+    observables: Vec<String>,
+    #[command(flatten)]
+    tables: Tables,
 }
 
 /// What [`Measured`] names, read.
@@ -85,28 +86,47 @@ fn of_tests(tables: &[PathBuf]) -> Result<Vec<OfTest>> {
     tables.iter().map(parse).collect()
 }
 
-impl Measured {
-    /// Read the tables of the measurement.
+impl Tables {
+    /// Read the measurement of one test, or of all that are given as such.
     ///
     /// # Errors
-    /// See [`Observations::read`] and [`Stack::read`].
-    pub fn read(&self) -> Result<Measurement> {
-        if !self.test.is_empty() {
+    /// If there is neither. See [`Observations::read`] and [`Stack::read`].
+    pub fn read(&self, control: &str, observables: &[String]) -> Result<Measurement> {
+        if self.is_stack() {
             let stack = Stack::read(&self.test)?;
             let (observations, noise) = (stack.observations.clone(), stack.noise.clone());
             return Ok(Measurement { observations, noise, stack: Some(stack) });
         }
-        let (Some(file), Some(control)) = (&self.observations, &self.control) else {
-            anyhow::bail!("name a measurement with -b, -c and -v, or tests with --test");
-        };
-        let observations = Observations::read(file, control, &self.observables)?;
+        let file = self.observations.as_ref().context("name a measurement with -b, or tests with --test")?;
+        let observations = Observations::read(file, control, observables)?;
         let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
         Ok(Measurement { observations, noise, stack: None })
     }
 
-    /// Whether several tests are given.
+    /// Whether tests are given as such.
     pub fn is_stack(&self) -> bool {
         !self.test.is_empty()
+    }
+}
+
+impl Measured {
+    /// Read the tables of the measurement.
+    ///
+    /// # Errors
+    /// See [`Tables::read`].
+    pub fn read(&self) -> Result<Measurement> {
+        self.tables.read(self.control.as_deref().unwrap_or_default(), &self.observables)
+    }
+
+    /// The tables of the measurement.
+    pub fn tables(&self) -> impl Iterator<Item = &PathBuf> {
+        let Tables { observations, test, .. } = &self.tables;
+        observations.iter().chain(test.iter().map(|test| &test.observations))
+    }
+
+    /// Whether several tests are given.
+    pub fn is_stack(&self) -> bool {
+        self.tables.is_stack()
     }
 }
 

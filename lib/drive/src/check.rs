@@ -6,7 +6,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
 use gl_engine::model::{Model, find_program};
-use gl_inference::misfit::{Covariance, Scale};
+use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{check_parameter_name, sample_names};
@@ -135,10 +135,10 @@ fn check_test(test: &Test) -> Result<Observations> {
     }
     if noise.is_none() {
         let scale = match test.scale.as_deref() {
-            Some("value") => Scale::Value,
-            Some("range") => Scale::Range,
-            Some("none") => Scale::None,
-            _ => Scale::Max,
+            Some("value") => Scaling::Value,
+            Some("range") => Scaling::Range,
+            Some("none") => Scaling::None,
+            _ => Scaling::Max,
         };
         Covariance::scaled(&observations, scale, &ByName(test.weights.clone()))?;
     }
@@ -215,12 +215,6 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
 
 /// The model of each test.
 fn check_model_of_tests(case: &Case, engine: Engine, prior: &Prior) -> Result<()> {
-    if engine.is_queue() {
-        bail!(
-            "{}: the engine {engine} takes one test; a case with [[test]] runs by embedded, local or yade-batch",
-            case.places.of_setting("test")
-        );
-    }
     // Kept runs are taken by their parameters, which are all that a table of samples says.
     let same = (0..case.tests.len()).find_map(|i| {
         let is_same = |other: &&Test| engine == Engine::Embedded || other.given == case.tests[i].given;

@@ -13,7 +13,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::{Case, Engine, Posterior};
+use gl_case::{Case, Engine, Posterior, Test};
 use gl_gap::attribute::winner::winning_effects;
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
@@ -195,10 +195,10 @@ impl Diagnosis<'_> {
             .option("--scatter", self.case.scatter)
             .flag("--before", tables(&base))
             .flag("--after", tables(&after));
-        if let Some(steps) = self.case.tests[0].steps.as_ref().filter(|_| !self.case.has_tests()) {
+        if let Some(seen) = seen(self.case) {
             let unseen = call
                 .clone()
-                .flag("--calibrated", steps)
+                .flag("--calibrated", seen)
                 .verdict(&self.file("shrink-unseen-verdict.txt"))
                 .flag("-o", self.file("shrink-unseen.txt"));
             self.must(&unseen, "shrink-unseen.log")?;
@@ -239,6 +239,16 @@ impl Diagnosis<'_> {
         show(&log, 0);
         Ok(())
     }
+}
+
+/// The steps that calibration sees where it does not see all: of several tests those of each that has some, as `NAME=A:B,…`.
+fn seen(case: &Case) -> Option<String> {
+    let of = |test: &Test| {
+        let steps = test.steps.as_ref()?;
+        Some(if test.name.is_empty() { steps.clone() } else { format!("{}={steps}", test.name) })
+    };
+    let all: Vec<String> = case.tests.iter().filter_map(of).collect();
+    (!all.is_empty()).then(|| all.join(","))
 }
 
 /// Put a text into a file so that what depends on it is made again.

@@ -6,7 +6,7 @@
 
 use anyhow::Result;
 
-use super::cholesky::{Cholesky, Square, dot, upper_times_transpose};
+use super::cholesky::{Cholesky, Square, dot, lower_times, upper_times_transpose};
 use super::kernel::ScaledPoints;
 pub use super::points::{Kernel, Mean, Points};
 
@@ -327,11 +327,6 @@ impl Gp {
         }
         rest
     }
-}
-
-/// L k for a lower triangle L.
-fn lower_times(lower: &Square, k: &[f64]) -> Vec<f64> {
-    (0..k.len()).map(|i| dot(&lower.row(i)[..=i], &k[..=i])).collect()
 }
 
 #[cfg(test)]

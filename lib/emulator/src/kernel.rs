@@ -1,5 +1,7 @@
 //! Correlations with a length an input: Matérn-5/2, or Gaussian for what is smoother.
 
+use pulp::{Arch, Simd, with_simd};
+
 /// How a process correlates with itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kernel {
@@ -51,33 +53,45 @@ impl ScaledPoints {
     ///
     /// These are 5/3 (1 + √5 r) exp(−√5 r) for Matérn-5/2 and exp(−r²/2) for the Gaussian.
     pub fn correlate(&self, at: &[f64], k: &mut [f64], slope: Option<&mut [f64]>) {
-        k.fill(0.0);
-        for (input, &at) in self.inputs.iter().zip(at) {
-            for (sum, x) in k.iter_mut().zip(input) {
-                let difference = x - at;
-                *sum += difference * difference;
+        correlate(self, at, k, slope);
+    }
+}
+
+#[with_simd(correlate = Arch::new())]
+#[inline(always)]
+fn correlate_wide<'a, S: Simd>(
+    _width: S,
+    points: &'a ScaledPoints,
+    at: &'a [f64],
+    k: &'a mut [f64],
+    slope: Option<&'a mut [f64]>,
+) {
+    k.fill(0.0);
+    for (input, &at) in points.inputs.iter().zip(at) {
+        for (sum, x) in k.iter_mut().zip(input) {
+            let difference = x - at;
+            *sum += difference * difference;
+        }
+    }
+    match (points.kernel, slope) {
+        (Kernel::Gaussian, slope) => {
+            k.iter_mut().for_each(|k| *k = exp_below_zero(-0.5 * *k));
+            if let Some(slope) = slope {
+                slope.copy_from_slice(&k[..slope.len()]);
             }
         }
-        match (self.kernel, slope) {
-            (Kernel::Gaussian, slope) => {
-                k.iter_mut().for_each(|k| *k = exp_below_zero(-0.5 * *k));
-                if let Some(slope) = slope {
-                    slope.copy_from_slice(&k[..slope.len()]);
-                }
+        (Kernel::Matern, None) => {
+            for k in k {
+                let r = (5.0 * *k).sqrt();
+                *k = (1.0 + r + r * r / 3.0) * exp_below_zero(-r);
             }
-            (Kernel::Matern, None) => {
-                for k in k {
-                    let r = (5.0 * *k).sqrt();
-                    *k = (1.0 + r + r * r / 3.0) * exp_below_zero(-r);
-                }
-            }
-            (Kernel::Matern, Some(slope)) => {
-                for (k, slope) in k.iter_mut().zip(slope) {
-                    let r = (5.0 * *k).sqrt();
-                    let decay = exp_below_zero(-r);
-                    *k = (1.0 + r + r * r / 3.0) * decay;
-                    *slope = 5.0 / 3.0 * (1.0 + r) * decay;
-                }
+        }
+        (Kernel::Matern, Some(slope)) => {
+            for (k, slope) in k.iter_mut().zip(slope) {
+                let r = (5.0 * *k).sqrt();
+                let decay = exp_below_zero(-r);
+                *k = (1.0 + r + r * r / 3.0) * decay;
+                *slope = 5.0 / 3.0 * (1.0 + r) * decay;
             }
         }
     }

@@ -14,6 +14,7 @@ pub mod gp;
 mod inputs;
 mod kernel;
 mod minimise;
+pub mod odds;
 mod points;
 pub mod posterior;
 pub mod sensitivity;

@@ -23,7 +23,7 @@ use std::collections::HashSet;
 
 use anyhow::{Result, ensure};
 use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{Observations, range};
+use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 use gl_numeric::statistics::{mean, sd};
@@ -259,14 +259,7 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
             Some(*end)
         }))
         .collect();
-    let ranges: Vec<f64> = observations
-        .values
-        .iter()
-        .map(|values| {
-            let size = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-            [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
-        })
-        .collect();
+    let ranges = observations.sizes();
     let base = match question.noise.or(question.scale) {
         Some(noise) => noise.iter().flat_map(|noise| cut(noise, &question.steps).to_vec()).collect(),
         // As the filter has it: the largest value.

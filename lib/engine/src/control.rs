@@ -13,6 +13,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use gl_case::Engine;
+use gl_inference::stack::is_test_name;
 use serde::{Deserialize, Serialize};
 
 use crate::Say;
@@ -21,7 +22,7 @@ use crate::folder::write;
 use crate::lock::OutLock;
 use crate::scheduler::{Job, Log, NoAnswer, Noted, Request, Scheduler};
 
-/// How deep below the folder its runs may be: `after-EFFECT/iterN/runs`.
+/// How deep below the folder its iterations and rounds may be: `after-EFFECT/iterN`.
 const DEPTH: usize = 3;
 /// Submissions of a controlling job behind the same runs.
 const ATTEMPTS: usize = 3;
@@ -191,12 +192,35 @@ fn is_numbered(folder: &Path) -> bool {
     number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
+/// The folders of an iteration or round with samples and their runs: itself, or one a test, sorted by name.
+///
+/// # Errors
+/// If a folder cannot be read.
+pub fn batches(stage: &Path) -> Result<Vec<PathBuf>> {
+    let mut tests = Vec::new();
+    for entry in fs::read_dir(stage).with_context(|| stage.display().to_string())? {
+        let entry = entry?;
+        let is_test = is_test_name(&entry.file_name().to_string_lossy());
+        if is_test && entry.path().join("samples.txt").is_file() {
+            tests.push(entry.path());
+        }
+    }
+    tests.sort();
+    Ok(if tests.is_empty() { vec![stage.to_owned()] } else { tests })
+}
+
+/// [`batches`] of all [`stages`].
+fn all_batches(out: &Path) -> Result<Vec<PathBuf>> {
+    let batches = stages(out)?.iter().map(|stage| batches(stage)).collect::<Result<Vec<_>>>()?;
+    Ok(batches.concat())
+}
+
 /// Whether runs were ever started in `out`.
 ///
 /// # Errors
 /// If a folder cannot be read.
 pub fn is_begun(out: &Path) -> Result<bool> {
-    Ok(stages(out)?.iter().any(|stage| stage.join("runs").is_dir()))
+    Ok(all_batches(out)?.iter().any(|batch| batch.join("runs").is_dir()))
 }
 
 /// Forget the attempts at runs in `out`, so that those that failed are tried anew.
@@ -204,7 +228,7 @@ pub fn is_begun(out: &Path) -> Result<bool> {
 /// # Errors
 /// If a file cannot be removed.
 pub fn forgive(out: &Path) -> Result<()> {
-    stages(out)?.iter().try_for_each(|stage| cluster::forgive(stage))
+    all_batches(out)?.iter().try_for_each(|batch| cluster::forgive(batch))
 }
 
 /// What the runs in `out` have in the queue, or had last, as noted.
@@ -213,8 +237,8 @@ pub fn forgive(out: &Path) -> Result<()> {
 /// If a folder or file cannot be read.
 pub fn noted(out: &Path) -> Result<Vec<Noted>> {
     let mut all = Vec::new();
-    for stage in stages(out)? {
-        all.extend(noted_in(&stage.join("runs/.run/jobs"))?);
+    for batch in all_batches(out)? {
+        all.extend(noted_in(&batch.join("runs/.run/jobs"))?);
     }
     Ok(all)
 }

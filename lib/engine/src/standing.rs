@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 use std::fs;
+use std::iter::Sum;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
@@ -10,8 +11,9 @@ use anyhow::Result;
 use crate::batch_table::BatchTable;
 use crate::cluster::Task;
 use crate::complete;
+use crate::control::batches;
 
-/// The runs of a folder `iterN` or `roundN`.
+/// The runs of a folder `iterN` or `roundN`, or of one test of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Runs {
     /// Rows of its table.
@@ -29,11 +31,20 @@ pub struct Runs {
 }
 
 impl Runs {
-    /// Look into a folder with `samples.txt` and, if runs were started, `runs`.
+    /// Those of each test, by its name; where there is one test, its runs without a name.
     ///
     /// # Errors
     /// If a table or folder cannot be read.
-    pub fn of(stage: &Path) -> Result<Self> {
+    pub fn of_tests(stage: &Path) -> Result<Vec<(String, Self)>> {
+        let name = |batch: &Path| {
+            let test = batch.strip_prefix(stage).unwrap_or(batch);
+            test.display().to_string()
+        };
+        batches(stage)?.iter().map(|batch| Ok((name(batch), Self::of_batch(batch)?))).collect()
+    }
+
+    /// Look into a folder with `samples.txt` and, if runs were started, `runs`.
+    fn of_batch(stage: &Path) -> Result<Self> {
         let table = BatchTable::read(&stage.join("samples.txt"))?;
         let dir = stage.join("runs");
         let mut runs = Self { rows: table.len(), ..Self::default() };
@@ -83,6 +94,19 @@ impl Runs {
     }
 }
 
+impl Sum for Runs {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |sum, runs| Self {
+            rows: sum.rows + runs.rows,
+            done: sum.done + runs.done,
+            running: sum.running + runs.running,
+            failed: sum.failed + runs.failed,
+            ended: sum.ended + runs.ended,
+            since: [sum.since, runs.since].into_iter().flatten().min(),
+        })
+    }
+}
+
 /// A time as people say it: `about 13 min`.
 pub fn roughly(time: Duration) -> String {
     let seconds = time.as_secs();
@@ -116,7 +140,7 @@ mod tests {
     #[test]
     fn each_run_is_counted_once() {
         let stage = stage();
-        let runs = Runs::of(stage.path()).unwrap();
+        let runs = Runs::of_batch(stage.path()).unwrap();
         assert_eq!((runs.rows, runs.done, runs.running, runs.failed, runs.to_come()), (5, 1, 1, 1, 2));
         assert_eq!(runs.ended, 2);
     }
@@ -127,7 +151,7 @@ mod tests {
         let table =
             fs::File::options().append(true).open(stage.path().join("runs/.run/samples.txt")).unwrap();
         table.set_modified(SystemTime::now() + Duration::from_secs(60)).unwrap();
-        let runs = Runs::of(stage.path()).unwrap();
+        let runs = Runs::of_batch(stage.path()).unwrap();
         assert_eq!((runs.done, runs.failed, runs.to_come(), runs.ended), (1, 0, 3, 0));
     }
 
@@ -136,7 +160,7 @@ mod tests {
         let stage = stage();
         let task = Task { rows: vec![1, 2, 3, 4], rows_per_task: 1, scratch: None };
         fs::write(stage.path().join("runs/.run/task.json"), serde_json::to_string(&task).unwrap()).unwrap();
-        let runs = Runs::of(stage.path()).unwrap();
+        let runs = Runs::of_batch(stage.path()).unwrap();
         assert_eq!((runs.done, runs.failed, runs.ended), (1, 1, 1));
     }
 
@@ -162,9 +186,23 @@ mod tests {
     }
 
     #[test]
+    fn the_runs_of_several_tests_count_together() {
+        let (one, whole) = (stage(), tempfile::tempdir().unwrap());
+        fs::copy(one.path().join("samples.txt"), whole.path().join("samples.txt")).unwrap();
+        fs::create_dir(whole.path().join("tx200")).unwrap();
+        fs::copy(one.path().join("samples.txt"), whole.path().join("tx200/samples.txt")).unwrap();
+        fs::rename(one.path(), whole.path().join("tx100")).unwrap();
+        let tests = Runs::of_tests(whole.path()).unwrap();
+        assert_eq!(tests.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["tx100", "tx200"]);
+        assert_eq!((tests[0].1.done, tests[0].1.to_come(), tests[1].1.to_come()), (1, 2, 5));
+        let runs: Runs = tests.into_iter().map(|(_, runs)| runs).sum();
+        assert_eq!((runs.rows, runs.done, runs.running, runs.failed, runs.to_come()), (10, 1, 1, 1, 7));
+    }
+
+    #[test]
     fn samples_without_runs_are_all_to_come() {
         let stage = stage();
         fs::remove_dir_all(stage.path().join("runs")).unwrap();
-        assert_eq!(Runs::of(stage.path()).unwrap().to_come(), 5);
+        assert_eq!(Runs::of_batch(stage.path()).unwrap().to_come(), 5);
     }
 }

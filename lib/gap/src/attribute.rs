@@ -26,6 +26,7 @@ pub mod closure;
 pub mod confounding;
 pub mod diagnosis;
 pub mod discrepancy;
+pub mod draws;
 pub mod evidence;
 pub mod gaussian;
 pub mod hypothesis;

@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::noise::{FEWEST_STEPS, Noise, scale, standard_normal};
+use super::noise::{Noise, check_steps, scale, standard_normal};
 use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
 use super::standardised::standardised;
@@ -126,12 +126,7 @@ fn stretches(
     (alarms, seed): (f64, u64),
 ) -> Result<Vec<Stretch>> {
     let gap = gap(observations, ensemble, weights)?;
-    ensure!(
-        noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
-        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
-        observations.source,
-        observations.steps()
-    );
+    check_steps(observations, noise_sd)?;
     let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
     let first = Noise::estimate(&gap, noise_sd, &scales);
     let first_sd: Vec<Vec<f64>> = first.iter().map(|noise| noise.sd.clone()).collect();

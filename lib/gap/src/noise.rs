@@ -1,9 +1,10 @@
 //! Measurement noise along the control axis: how large, and how correlated from step to step.
 
+use anyhow::{Result, ensure};
 use rand::Rng;
 use rand::distr::Open01;
 
-use gl_inference::observations::range;
+use gl_inference::observations::{Observations, range};
 use gl_inference::prior::normal_quantile;
 
 /// Noise of one observable: a standard deviation at each step times a first-order autoregressive
@@ -17,7 +18,21 @@ pub struct Noise {
 }
 
 /// Fewest steps from which a noise can be estimated.
-pub const FEWEST_STEPS: usize = 8;
+const FEWEST_STEPS: usize = 8;
+
+/// Whether the noise is known, shape (observables, steps), or can be estimated.
+///
+/// # Errors
+/// If it is not known and there are too few steps.
+pub fn check_steps(observations: &Observations, known_sd: Option<&[Vec<f64>]>) -> Result<()> {
+    ensure!(
+        known_sd.is_some() || observations.steps() >= FEWEST_STEPS,
+        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
+        observations.source,
+        observations.steps()
+    );
+    Ok(())
+}
 
 /// Above this correlation, noise and a smooth gap are the same thing.
 const HIGHEST_PHI: f64 = 0.95;

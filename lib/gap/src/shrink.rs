@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::hat::Hat;
-use super::noise::{FEWEST_STEPS, Noise, scale, standard_normal};
+use super::noise::{Noise, check_steps, scale, standard_normal};
 use super::residual::{gap, spread};
 use super::scatter::{Scatter, scatter};
 use gl_inference::ensemble::Ensemble;
@@ -54,13 +54,25 @@ const REPLICATES: usize = 499;
 /// Below this the interval is cut, unless the estimate lies there too.
 const LOWEST: f64 = -1.0;
 
-/// How far the gap closes from one calibration to another, for each observable and then for all
-/// together.
-///
-/// * `unseen` — the steps it is measured on, which calibration did not see; if absent all, of whose
-///   noise the fit took its part. In ascending order, at least one.
-/// * `noise_sd` — standard deviation of the noise, shape (observables, steps), where it is known;
-///   else it is estimated from how the gap after changes from step to step.
+/// A test that two calibrations have met.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    /// The measurement.
+    pub observations: &'a Observations,
+    /// Standard deviation of the noise, shape (observables, steps), where it is known; else it is estimated from how
+    /// the gap after changes from step to step.
+    pub noise_sd: Option<&'a [Vec<f64>]>,
+    /// The steps that the gap is measured on, which calibration did not see: in ascending order, at least one. `None`
+    /// for all, of whose noise the fit took its part.
+    pub unseen: Option<&'a [usize]>,
+    /// The calibration before.
+    pub before: &'a Calibrated,
+    /// The calibration after.
+    pub after: &'a Calibrated,
+}
+
+/// How far the gap closes from one calibration to another: for each observable of each test, and then for all of all
+/// tests together.
 ///
 /// * `scatter_share` — share of the simulation's own scatter that the measurement has, not negative.
 ///
@@ -69,47 +81,17 @@ const LOWEST: f64 = -1.0;
 /// gap by the noise that its parameters follow. The interval comes from replicates of the measurement: noise with the
 /// correlation that the gap after shows and the scatter of a run drawn at random, of which each calibration follows
 /// its part, and posterior means as uncertain as the number of effective runs leaves them, are added to a gap of the
-/// estimated size. Both calibrations meet the same measurement, so they share the noise.
+/// estimated size. Both calibrations meet the same measurement, so they share the noise, which is drawn for each test by itself.
 ///
 /// # Errors
 /// If an ensemble has no runs or other steps than the measurement, a run has no weight, an
 /// observable is constant, or there are too few steps to estimate the noise.
-pub fn shrink(
-    observations: &Observations,
-    before: &Calibrated,
-    after: &Calibrated,
-    unseen: Option<Vec<usize>>,
-    noise_sd: Option<&[Vec<f64>]>,
-    scatter_share: f64,
-    seed: u64,
-) -> Result<Vec<Shrink>> {
-    let one = measure(observations, before, after, unseen, noise_sd, scatter_share, seed)?;
-    Ok(one.summarised())
-}
-
-/// One test of several that both calibrations have seen.
-#[derive(Clone, Copy, Debug)]
-pub struct Compared<'a> {
-    /// The measurement.
-    pub observations: &'a Observations,
-    /// Standard deviation of the noise, shape (observables, steps), where it is known.
-    pub noise_sd: Option<&'a [Vec<f64>]>,
-    /// The calibration before.
-    pub before: &'a Calibrated,
-    /// The calibration after.
-    pub after: &'a Calibrated,
-}
-
-/// [`shrink`] in several tests: for each observable of each test, and then for all of all tests together. Noise is drawn for
-/// each test by itself.
-///
-/// # Errors
-/// As [`shrink`].
-pub fn shrink_tests(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<Vec<Shrink>> {
+pub fn shrink(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<Vec<Shrink>> {
+    ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
     let of = |(place, test): (u64, &Compared<'_>)| {
         // Streams of one seed are the replicates.
         let seed = seed.wrapping_add(place.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        measure(test.observations, test.before, test.after, None, test.noise_sd, scatter_share, seed)
+        Ok(Problem::new(test, scatter_share)?.solve(seed))
     };
     let measured = (0..).zip(tests).map(of).collect::<Result<Vec<_>>>()?;
     Ok(Measured::together(&measured).summarised())
@@ -162,75 +144,15 @@ fn with_mean(mut squares: Squares) -> Squares {
     squares
 }
 
-/// The squared gaps of one test.
-fn measure(
-    observations: &Observations,
-    before: &Calibrated,
-    after: &Calibrated,
-    unseen: Option<Vec<usize>>,
-    noise_sd: Option<&[Vec<f64>]>,
-    scatter_share: f64,
-    seed: u64,
-) -> Result<Measured> {
-    ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
-    let ranges = observations.ranges();
-    if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
-        bail!(
-            "{}: {} is constant, and a gap is measured in ranges of its observable; leave it out",
-            observations.source,
-            observations.names[j]
-        );
-    }
-    ensure!(
-        noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
-        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
-        observations.source,
-        observations.steps()
-    );
-    let weights = [before.weights.of_runs(&before.ensemble)?, after.weights.of_runs(&after.ensemble)?];
-    let gaps =
-        [gap(observations, &before.ensemble, &weights[0])?, gap(observations, &after.ensemble, &weights[1])?];
-    let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
-    let noises = Noise::estimate(&gaps[1], noise_sd, &scales);
-    let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
-    let of = |calibrated: &Calibrated, weights: &[f64]| {
-        scatter(&calibrated.ensemble, &calibrated.weights, weights, &sd)
-    };
-    let Scatter { mut runs, hat } = of(after, &weights[1]);
-    // A fit has not followed a noise that it did not see.
-    let hats = if unseen.is_some() { Default::default() } else { [of(before, &weights[0]).hat, hat] };
-    runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
-    let runs = hats.each_ref().map(|hat| {
-        let mut runs = runs.clone();
-        runs.iter_mut().for_each(|run| hat.take_out(run, &noises));
-        runs
-    });
-    let doubts =
-        [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
-            let effective = effective_size(weights);
-            let mut doubt = spread(ensemble, weights, 0, &sd).directions;
-            doubt.iter_mut().flatten().for_each(|d| *d /= effective.sqrt());
-            doubt
-        });
-    let problem = Problem {
-        ranges,
-        scales,
-        steps: unseen.unwrap_or_else(|| (0..observations.steps()).collect()),
-        noise_sd,
-        hats,
-        runs,
-        noises,
-        doubts,
-    };
-    Ok(problem.solve(&gaps, seed))
-}
-
+/// The squared gaps of one test, as they are measured and drawn again.
 struct Problem<'a> {
     ranges: Vec<f64>,
     scales: Vec<f64>,
     steps: Vec<usize>,
     noise_sd: Option<&'a [Vec<f64>]>,
     noises: Vec<Noise>,
+    /// Before and after, shape (observables, steps).
+    gaps: [Vec<Vec<f64>>; 2],
     /// What the calibrations before and after take out of the noise.
     hats: [Hat; 2],
     /// What they leave of the scatter of each run, shape (runs, observables, steps).
@@ -242,10 +164,52 @@ struct Problem<'a> {
 /// Squared gaps of every observable, and then of all: before and after, then the floors of the two.
 type Squares = Vec<[f64; 4]>;
 
-impl Problem<'_> {
-    fn solve(&self, gaps: &[Vec<Vec<f64>>; 2], seed: u64) -> Measured {
-        let squares = self.squares(gaps, &self.noises);
-        let true_gaps = self.without_noise(gaps, &squares);
+impl<'a> Problem<'a> {
+    fn new(test: &Compared<'a>, scatter_share: f64) -> Result<Self> {
+        let &Compared { observations, noise_sd, unseen, before, after } = test;
+        let ranges = observations.ranges();
+        if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
+            bail!(
+                "{}: {} is constant, and a gap is measured in ranges of its observable; leave it out",
+                observations.source,
+                observations.names[j]
+            );
+        }
+        check_steps(observations, noise_sd)?;
+        let weights = [before.weights.of_runs(&before.ensemble)?, after.weights.of_runs(&after.ensemble)?];
+        let gaps = [
+            gap(observations, &before.ensemble, &weights[0])?,
+            gap(observations, &after.ensemble, &weights[1])?,
+        ];
+        let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
+        let noises = Noise::estimate(&gaps[1], noise_sd, &scales);
+        let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
+        let of = |calibrated: &Calibrated, weights: &[f64]| {
+            scatter(&calibrated.ensemble, &calibrated.weights, weights, &sd)
+        };
+        let Scatter { mut runs, hat } = of(after, &weights[1]);
+        // A fit has not followed a noise that it did not see.
+        let hats = if unseen.is_some() { Default::default() } else { [of(before, &weights[0]).hat, hat] };
+        runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
+        let runs = hats.each_ref().map(|hat| {
+            let mut runs = runs.clone();
+            runs.iter_mut().for_each(|run| hat.take_out(run, &noises));
+            runs
+        });
+        let doubts =
+            [(&before.ensemble, &weights[0]), (&after.ensemble, &weights[1])].map(|(ensemble, weights)| {
+                let effective = effective_size(weights);
+                let mut doubt = spread(ensemble, weights, 0, &sd).directions;
+                doubt.iter_mut().flatten().for_each(|d| *d /= effective.sqrt());
+                doubt
+            });
+        let steps = unseen.map_or_else(|| (0..observations.steps()).collect(), <[usize]>::to_vec);
+        Ok(Self { ranges, scales, steps, noise_sd, noises, gaps, hats, runs, doubts })
+    }
+
+    fn solve(&self, seed: u64) -> Measured {
+        let squares = self.squares(&self.gaps, &self.noises);
+        let true_gaps = self.without_noise(&squares);
         let replicate = |number: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(number as u64);
@@ -277,12 +241,12 @@ impl Problem<'_> {
     }
 
     /// The gaps made smaller, so that their squares are what is left above the floor.
-    fn without_noise(&self, gaps: &[Vec<Vec<f64>>; 2], squares: &Squares) -> [Vec<Vec<f64>>; 2] {
+    fn without_noise(&self, squares: &Squares) -> [Vec<Vec<f64>>; 2] {
         [0, 1].map(|i| {
             let smaller = |j: usize| {
                 let left =
                     ((squares[j][i] - squares[j][2 + i]) / squares[j][i].max(f64::MIN_POSITIVE)).max(0.0);
-                gaps[i][j].iter().map(|gap| gap * left.sqrt()).collect()
+                self.gaps[i][j].iter().map(|gap| gap * left.sqrt()).collect()
             };
             (0..self.ranges.len()).map(smaller).collect()
         })
@@ -478,7 +442,14 @@ mod tests {
         patterns.push(bend);
         let (after, left_after) = calibrated(&patterns, 2 * seed + 2);
         let noise = vec![vec![1.0; STEPS]; 2];
-        let all = shrink(&observations, &before, &after, None, Some(&noise), 1.0, 1).unwrap().pop().unwrap();
+        let compared = Compared {
+            observations: &observations,
+            noise_sd: Some(&noise),
+            unseen: None,
+            before: &before,
+            after: &after,
+        };
+        let all = shrink(&[compared], 1.0, 1).unwrap().pop().unwrap();
         (all, 1.0 - left_after / left_before)
     }
 
@@ -510,8 +481,9 @@ mod tests {
     }
 
     fn shrinks(pair: &Pair, known: bool) -> Vec<Shrink> {
-        let noise = known.then_some(pair.noise_sd.as_slice());
-        shrink(&pair.observations, &pair.before, &pair.after, None, noise, 1.0, 1).unwrap()
+        let Pair { observations, before, after, noise_sd } = pair;
+        let noise_sd = known.then_some(noise_sd.as_slice());
+        shrink(&[Compared { observations, noise_sd, unseen: None, before, after }], 1.0, 1).unwrap()
     }
 
     /// How far the gap truly shrinks: what calibrations against measurements without noise leave.

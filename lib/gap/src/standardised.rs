@@ -1,8 +1,8 @@
 //! The gap of each reading in units of how uncertain it is.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 
-use super::noise::{FEWEST_STEPS, Noise, scale};
+use super::noise::{Noise, check_steps, scale};
 use super::residual::gap;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
@@ -25,12 +25,7 @@ pub fn standardised(
     noise_sd: Option<&[Vec<f64>]>,
 ) -> Result<Vec<Vec<f64>>> {
     let gap = gap(observations, ensemble, weights)?;
-    ensure!(
-        noise_sd.is_some() || observations.steps() >= FEWEST_STEPS,
-        "{}: {} steps are too few to estimate the noise from (it takes {FEWEST_STEPS}); give it with --noise",
-        observations.source,
-        observations.steps()
-    );
+    check_steps(observations, noise_sd)?;
     let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
     let noises = Noise::estimate(&gap, noise_sd, &scales);
     let prediction = predict(ensemble, weights)?;

@@ -7,7 +7,7 @@ use std::io;
 use divan::Bencher;
 use divan::counter::BytesCount;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scale};
+use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_table::Table;
 
@@ -49,7 +49,7 @@ fn read_ensemble(bencher: Bencher<'_, '_>, separator: &str) {
 #[divan::bench]
 fn misfit(bencher: Bencher<'_, '_>) {
     let (text, observations) = (ensemble("\t"), observations());
-    let covariance = Covariance::scaled(&observations, Scale::Max, &ByName::default()).unwrap();
+    let covariance = Covariance::scaled(&observations, Scaling::Max, &ByName::default()).unwrap();
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
     bencher
         .counter(BytesCount::new(text.len()))

@@ -243,7 +243,7 @@ fn crossing(
 
 /// What is known of the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Noise {
+pub enum NoiseModel {
     /// The misfits are measured against it: σ = 1 is the posterior.
     Known,
     /// It is estimated from this many independent readings.
@@ -253,7 +253,7 @@ pub enum Noise {
     },
 }
 
-impl Noise {
+impl NoiseModel {
     /// The noise behind misfits whose best run holds `readings` independent readings (0 where the
     /// noise is known), when `parameters` vary.
     pub fn new(readings: f64, parameters: usize) -> Self {
@@ -288,7 +288,7 @@ impl Noise {
 ///
 /// # Errors
 /// See [`Runs::sigma_of_ess`] and [`Runs::at_sigma`].
-pub fn weigh(runs: &Runs, target: Target, floor: Option<Target>, noise: Noise) -> Result<Weighting> {
+pub fn weigh(runs: &Runs, target: Target, floor: Option<Target>, noise: NoiseModel) -> Result<Weighting> {
     let weighting = match target {
         Target::Noise => return noise.posterior(runs),
         Target::Sigma(sigma) => runs.at_sigma(sigma)?,
@@ -317,12 +317,12 @@ pub fn weigh(runs: &Runs, target: Target, floor: Option<Target>, noise: Noise) -
 /// See [`weigh`].
 pub fn weigh_emulated(runs: &Runs, target: Target, ignorance: &[f64]) -> Result<Weighting> {
     let mut floor = 1.0;
-    let mut weighting = weigh(runs, target, Some(Target::Sigma(floor)), Noise::Known)?;
+    let mut weighting = weigh(runs, target, Some(Target::Sigma(floor)), NoiseModel::Known)?;
     // The floor depends on which runs hold the weight; it settles at once, or moves up.
     for _ in 0..3 {
         let weights = weighting.weights()?;
         floor = f64::max(floor, 1.0 + gl_numeric::statistics::mean(ignorance, &weights));
-        weighting = weigh(runs, target, Some(Target::Sigma(floor)), Noise::Known)?;
+        weighting = weigh(runs, target, Some(Target::Sigma(floor)), NoiseModel::Known)?;
     }
     Ok(weighting)
 }
@@ -372,11 +372,11 @@ mod tests {
     #[test]
     fn a_sigma_floor_holds() {
         let runs = prior_runs((0..50).map(f64::from).collect());
-        let free = weigh(&runs, Target::Ess(0.1), None, Noise::Known).unwrap();
+        let free = weigh(&runs, Target::Ess(0.1), None, NoiseModel::Known).unwrap();
         assert!(free.sigma > 1.0);
-        let high = weigh(&runs, Target::Ess(0.1), Some(Target::Sigma(40.0)), Noise::Known).unwrap();
+        let high = weigh(&runs, Target::Ess(0.1), Some(Target::Sigma(40.0)), NoiseModel::Known).unwrap();
         assert_eq!(high.sigma, 40.0);
-        let noise = weigh(&runs, Target::Ess(0.03), Some(Target::Noise), Noise::Known).unwrap();
+        let noise = weigh(&runs, Target::Ess(0.03), Some(Target::Noise), NoiseModel::Known).unwrap();
         assert_eq!((noise.sigma, noise.is_noise), (1.0, true));
     }
 

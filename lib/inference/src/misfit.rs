@@ -14,7 +14,7 @@ pub use table::{Incomplete, Misfits, Partial};
 
 /// What a misfit is measured against when no noise is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scale {
+pub enum Scaling {
     /// The largest observation over all steps.
     Max,
     /// The observation itself.
@@ -41,7 +41,7 @@ impl Covariance {
     ///
     /// # Errors
     /// If a scale is zero, or a weight is not positive or names no observable.
-    pub fn scaled(observations: &Observations, scale: Scale, weights: &ByName) -> Result<Self> {
+    pub fn scaled(observations: &Observations, scale: Scaling, weights: &ByName) -> Result<Self> {
         weights.check_names(&observations.names, "--weights")?;
         let weights: Vec<f64> =
             observations.names.iter().map(|name| weights.get(name).unwrap_or(1.0)).collect();
@@ -50,15 +50,15 @@ impl Covariance {
         let mut variance = Vec::new();
         for ((name, values), weight) in observations.names.iter().zip(&observations.values).zip(weights) {
             let scales: Vec<f64> = match scale {
-                Scale::Max => vec![values.iter().copied().fold(f64::NEG_INFINITY, f64::max); values.len()],
-                Scale::Value => values.clone(),
-                Scale::Range => vec![range(values); values.len()],
-                Scale::None => vec![1.0; values.len()],
+                Scaling::Max => vec![values.iter().copied().fold(f64::NEG_INFINITY, f64::max); values.len()],
+                Scaling::Value => values.clone(),
+                Scaling::Range => vec![range(values); values.len()],
+                Scaling::None => vec![1.0; values.len()],
             };
             if let Some(step) = scales.iter().position(|s| *s == 0.0) {
                 let (what, other) = match scale {
-                    Scale::Max => ("the largest value", "range"),
-                    Scale::Value => ("the value", "max"),
+                    Scaling::Max => ("the largest value", "range"),
+                    Scaling::Value => ("the value", "max"),
                     _ => ("the range", "max"),
                 };
                 bail!(
@@ -139,15 +139,7 @@ impl<'a> Comparison<'a> {
                 observations.source
             );
         }
-        let ranges = observations
-            .values
-            .iter()
-            .map(|values| {
-                // A constant observable has no range to be a share of.
-                let size = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-                [range(values), size, 1.0].into_iter().find(|r| *r > 0.0).unwrap_or(1.0)
-            })
-            .collect();
+        let ranges = observations.sizes();
         Ok(Self { observations, covariance, steps, ranges })
     }
 
@@ -208,7 +200,7 @@ pub fn independent_readings(residuals: &[f64]) -> f64 {
     (n * (1.0 - correlation) / (1.0 + correlation)).max(1.0)
 }
 
-impl FromStr for Scale {
+impl FromStr for Scaling {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {

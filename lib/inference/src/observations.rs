@@ -97,6 +97,16 @@ impl Observations {
         self.values.iter().map(|values| range(values)).collect()
     }
 
+    /// What an error of each observable is a share of, shape (observables,): its range; its largest absolute value
+    /// where it is constant, and 1 where it is zero throughout.
+    pub fn sizes(&self) -> Vec<f64> {
+        let of = |values: &Vec<f64>| {
+            let largest = values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+            [range(values), largest, 1.0].into_iter().find(|size| *size > 0.0).unwrap_or(1.0)
+        };
+        self.values.iter().map(of).collect()
+    }
+
     /// Standard deviation of the noise of every reading, shape (observables, steps): from `noise`,
     /// given by observable, else from the `_sd` columns; `None` if neither says anything.
     ///

@@ -115,8 +115,10 @@ pub fn criteria(
 /// Of the standard deviation of ln likelihood within the posterior by what the emulator does not know.
 const IGNORANCE: f64 = 0.5;
 
-/// The same where runs scatter: what is not known falls by the root of their number, and a batch changes little.
-const SCATTERED_IGNORANCE: f64 = 0.35;
+/// The same where runs scatter, up to so many of them a parameter: what is not known falls by the root of their number,
+/// and a batch changes little. Beyond, it grows by that root: a variance c / n of ln likelihood is left open by n runs,
+/// and it and their price together are least where it is in proportion to n.
+const SCATTERED_IGNORANCE: (f64, f64) = (0.35, 25.0);
 
 /// Error of the emulator on runs left out, in standard deviations of the noise, from which they do.
 const SCATTERS: f64 = 0.3;
@@ -167,7 +169,7 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     let z = summary.proof_z.unwrap_or(f64::INFINITY);
     let is_chance = summary.proof_p.is_some_and(|p| p >= CHANCE);
     let scatters = summary.rmse.is_some_and(|rmse| rmse > SCATTERS);
-    let ignorance = if scatters { SCATTERED_IGNORANCE } else { IGNORANCE };
+    let ignorance = if scatters { scattered_ignorance(summary) } else { IGNORANCE };
     let mut parts = vec![
         below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), ignorance),
         below("shift", shift, SHIFT),
@@ -180,6 +182,12 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     let open = parts.iter().filter(|part| !part.is_met).count();
     parts.push(Criterion::new("settled", open as f64, 0.0, open == 0));
     parts
+}
+
+fn scattered_ignorance(summary: &Summary) -> f64 {
+    let (least, runs) = SCATTERED_IGNORANCE;
+    let times = summary.runs.unwrap_or(0.0) / (runs * summary.varied().count().max(1) as f64);
+    least * times.max(1.0).sqrt()
 }
 
 /// Share of its value before, below which an estimated noise is still falling.

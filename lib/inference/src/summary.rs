@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use crate::filter::{Noise, Runs, Weighting};
+use crate::filter::{NoiseModel, Runs, Weighting};
 use crate::prior::normal_quantile;
 use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
 use gl_table::{LARGEST, Table, parse_number, push_number, text, write_rows};
@@ -263,7 +263,7 @@ impl Summary {
 
 /// The marginal posterior of one parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Marginal {
+pub struct ParameterPosterior {
     /// Weighted mean.
     pub mean: f64,
     /// Weighted standard deviation.
@@ -349,7 +349,7 @@ impl Marginals {
     }
 
     /// The marginal posterior of a parameter between its bounds.
-    pub fn of(&self, values: &[f64], (lower, upper): (f64, f64)) -> Marginal {
+    pub fn of(&self, values: &[f64], (lower, upper): (f64, f64)) -> ParameterPosterior {
         let (mean_value, sd_value) = if self.is_posterior {
             (mean(values, &self.wide_weights), sd(values, &self.wide_weights) * self.inflation.sqrt())
         } else {
@@ -359,19 +359,19 @@ impl Marginals {
         let median = quantiles.at(0.5);
         let widened = |p: f64| (median + self.stretch * (quantiles.at(p) - median)).clamp(lower, upper);
         let lean = leaning(mean_value, sd_value, (lower, upper));
-        Marginal { mean: mean_value, sd: sd_value, q05: widened(0.05), q95: widened(0.95), lean }
+        ParameterPosterior { mean: mean_value, sd: sd_value, q05: widened(0.05), q95: widened(0.95), lean }
     }
 }
 
 /// What a summary is made from.
 #[derive(Debug)]
-pub struct Evidence<'a> {
+pub struct Weighed<'a> {
     /// The runs.
     pub runs: &'a Runs,
     /// Their weights.
     pub weighting: &'a Weighting,
     /// What is known of the noise.
-    pub noise: Noise,
+    pub noise: NoiseModel,
     /// Name of each run's sample.
     pub samples: &'a [String],
     /// Mean error of each run.
@@ -390,7 +390,7 @@ pub struct Evidence<'a> {
     pub expected: &'a [f64],
 }
 
-impl Evidence<'_> {
+impl Weighed<'_> {
     /// The summary of a filter. `shrinkage(NAME)` is 1 − (posterior sd / prior sd)²: near 0 where the
     /// measurement says nothing of a parameter (Betancourt 2018, arXiv:1803.08393).
     ///

@@ -5,7 +5,7 @@
 use std::fs;
 use std::io::{self, Read, Write};
 
-use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scale};
+use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_table::Table;
 
@@ -62,7 +62,7 @@ fn ten_million_rows_of_misfits_take_less_than_100_megabytes() {
     let rows: String = (0..STEPS).map(|step| format!("{step} 1\n")).collect();
     let table = Table::parse("obs.txt", format!("e q\n{rows}").into_bytes()).unwrap();
     let observations = Observations::from_table(&table, "e", &["q".to_owned()]).unwrap();
-    let covariance = Covariance::scaled(&observations, Scale::Max, &ByName::default()).unwrap();
+    let covariance = Covariance::scaled(&observations, Scaling::Max, &ByName::default()).unwrap();
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
     let header = &b"sample\tstep\te\tq\n"[..];
     let mut lines = Lines(0);

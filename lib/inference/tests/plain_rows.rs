@@ -6,7 +6,7 @@
 use std::fs;
 
 use gl_inference::ensemble::Ensemble;
-use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Misfits, Scale};
+use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Misfits, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_table::{Table, push_number};
 use proptest::prelude::*;
@@ -44,7 +44,7 @@ fn padded(table: &str) -> String {
 
 fn misfits(table: &str) -> Result<String, String> {
     let observations = observations();
-    let covariance = Covariance::scaled(&observations, Scale::Max, &ByName::default()).unwrap();
+    let covariance = Covariance::scaled(&observations, Scaling::Max, &ByName::default()).unwrap();
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
     let mut output = Vec::new();
     let result = comparison.stream("runs.txt", &mut table.as_bytes(), &mut output, MisfitRows::Steps);

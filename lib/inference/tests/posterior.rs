@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used)]
 
 use gl_inference::design::{Effects, draw};
-use gl_inference::filter::{Noise, Runs, Target, weigh};
-use gl_inference::misfit::{Comparison, Covariance, Scale};
+use gl_inference::filter::{NoiseModel, Runs, Target, weigh};
+use gl_inference::misfit::{Comparison, Covariance, Scaling};
 use gl_inference::mixture::CovarianceType;
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::{Prior, normal_quantile};
@@ -59,7 +59,7 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
     let covariance = if setting.is_noise_known {
         Covariance::of_noise(&[vec![NOISE; STEPS]])
     } else {
-        Covariance::scaled(&observations, Scale::Max, &ByName::default()).unwrap()
+        Covariance::scaled(&observations, Scaling::Max, &ByName::default()).unwrap()
     };
     let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
 
@@ -81,7 +81,7 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
         let runs = Runs::new(totals.clone(), ln_q).unwrap();
         let best = (0..totals.len()).min_by(|&a, &b| totals[a].total_cmp(&totals[b])).unwrap();
         let readings = if setting.is_noise_known { 0.0 } else { misfits[best].readings };
-        let noise = Noise::new(readings, 2);
+        let noise = NoiseModel::new(readings, 2);
         if counts.len() == setting.iterations {
             let posterior = weigh(&runs, Target::Noise, None, noise).unwrap();
             let weights = posterior.weights().unwrap();

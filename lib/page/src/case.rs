@@ -34,7 +34,7 @@ pub struct Case {
     pub units: String,
     /// `NAME=VALUE,…`
     pub truth: String,
-    /// Steps that calibration saw, `A:B`, or nothing for all.
+    /// Steps that calibration saw, `A:B`, of several tests `NAME A:B, …`; nothing for all.
     pub steps: String,
     pub seed: u64,
     /// What made the runs.
@@ -105,7 +105,7 @@ impl Case {
             tests: if case.has_tests() { case.tests.clone() } else { Vec::new() },
             units: by_name(&case.units),
             truth: by_name(&case.truth),
-            steps: test.steps.clone().unwrap_or_default(),
+            steps: seen(&case.tests),
             seed: case.seed,
             engine,
             given,
@@ -177,6 +177,13 @@ impl Case {
         }
         self.control_and_noise(call).option("-v", &self.observables.join(","))
     }
+}
+
+/// The steps that calibration saw, with the names of the tests that have some.
+fn seen(tests: &[Test]) -> String {
+    let of =
+        |test: &Test| test.steps.as_ref().map(|steps| format!("{} {steps}", test.name).trim().to_owned());
+    tests.iter().filter_map(of).collect::<Vec<_>>().join(", ")
 }
 
 /// `NAME=VALUE,…`

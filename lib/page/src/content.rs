@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_table::Table;
+use gl_inference::collect::RunStatus;
 use serde::Serialize;
 
 use crate::calibration::{Calibration, Standing, side_by_side};
@@ -395,36 +395,28 @@ impl Failed {
             failed.extend(failed_runs(&folder.join("status.txt"))?);
             for test in &case.tests {
                 let of_test = failed_runs(&folder.join(&test.name).join("status.txt"))?;
-                failed.extend(of_test.into_iter().map(|mut row| {
-                    row[0] = format!("{} of {}", row[0], test.name);
-                    row
-                }));
+                let named =
+                    |row: RunStatus| RunStatus { sample: format!("{} of {}", row.sample, test.name), ..row };
+                failed.extend(of_test.into_iter().map(named));
             }
         }
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         for row in &failed {
-            *counts.entry(&row[1]).or_default() += 1;
+            *counts.entry(&row.status).or_default() += 1;
         }
         let mut reasons: Vec<(usize, String)> =
             counts.into_iter().map(|(reason, count)| (count, reason.to_owned())).collect();
         reasons.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
         let count = failed.len();
         failed.truncate(MOST_FAILED);
-        Ok(Self { count, reasons, first: Grid::new(["run", "status", "detail"], failed) })
+        let cells = failed.into_iter().map(|row| vec![row.sample, row.status, row.detail]).collect();
+        Ok(Self { count, reasons, first: Grid::new(["run", "status", "detail"], cells) })
     }
 }
 
-/// Name, status and detail of the runs that a status table leaves out; none where there is no table.
-fn failed_runs(path: &Path) -> Result<Vec<Vec<String>>> {
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    let table = Table::read(path)?;
-    let columns = ["sample", "status", "detail"].map(|name| table.format().column(name));
-    let columns = columns.into_iter().collect::<Result<Vec<_>>>()?;
-    let row =
-        |row: usize| columns.iter().map(|&column| table.field(row, column).to_owned()).collect::<Vec<_>>();
-    Ok((0..table.len()).map(row).filter(|row| row[1] != "ok").collect())
+/// The runs that a status table leaves out; none where there is no table.
+fn failed_runs(path: &Path) -> Result<Vec<RunStatus>> {
+    if path.exists() { RunStatus::failed(path) } else { Ok(Vec::new()) }
 }
 
 impl Again {

@@ -56,7 +56,15 @@ pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], no
                 moved[k] += step;
                 slopes.set_column(k, &((&r - residual(&moved)?) / step));
             }
-            let (square, slope) = (slopes.tr_mul(&slopes), slopes.tr_mul(&r));
+            let (mut square, mut slope) = (slopes.tr_mul(&slopes), slopes.tr_mul(&r));
+            // What a bound holds does not move, and does not hold up the others.
+            for k in 0..free.len() {
+                if if slope[k] < 0.0 { z[k] <= 0.0 } else { z[k] >= 1.0 } {
+                    square.row_mut(k).fill(0.0);
+                    square.column_mut(k).fill(0.0);
+                    (square[(k, k)], slope[k]) = (1.0, 0.0);
+                }
+            }
             loop {
                 let mut damped = square.clone();
                 for k in 0..free.len() {

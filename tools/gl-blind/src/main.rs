@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::str::FromStr;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use clap::{Parser, Subcommand};
 use gl_gap::blind::{Measurement, effects_of, first_hypothesis, hidden, strengths, truth};
 use gl_inference::ensemble::Ensemble;
@@ -71,6 +72,9 @@ enum Step {
         /// Table of samples that was hidden
         #[arg(long, value_name = "FILE")]
         answer: PathBuf,
+        /// What is right of an effect that is no candidate, such as slip=unexplained
+        #[arg(long, value_name = "EFFECT=HYPOTHESIS,…", value_delimiter = ',')]
+        right: Vec<Right>,
         /// Table of gl-gap-attribute
         #[arg(value_name = "ATTRIBUTION")]
         attribution: PathBuf,
@@ -78,6 +82,24 @@ enum Step {
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
+}
+
+/// An effect that is no candidate of the diagnosis, and the hypothesis that is right of it.
+#[derive(Clone, Debug)]
+struct Right {
+    effect: String,
+    hypothesis: String,
+}
+
+impl FromStr for Right {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (effect, hypothesis) = text
+            .split_once('=')
+            .with_context(|| format!("{text:?} is not EFFECT=HYPOTHESIS, such as slip=unexplained"))?;
+        Ok(Self { effect: effect.to_owned(), hypothesis: hypothesis.to_owned() })
+    }
 }
 
 const EXAMPLE: &str = "Example:
@@ -115,8 +137,12 @@ fn run(args: &Args) -> Result<bool> {
                 observables,
             )?;
         }
-        Step::Outcome { params, answer, attribution, output } => {
+        Step::Outcome { params, answer, right, attribution, output } => {
             let prior = Prior::read(params)?;
+            let known = |name: &str| prior.parameters().iter().any(|p| p.effect.as_deref() == Some(name));
+            if let Some(other) = right.iter().find(|right| !known(&right.effect)) {
+                bail!("--right {}: no such effect in {}", other.effect, params.display());
+            }
             let truth = hidden(&prior, &Samples::read(answer)?)?;
             let (first, probability) = first_hypothesis(&Table::read(attribution)?)?;
             let effects = effects_of(&prior, &truth);
@@ -125,7 +151,9 @@ fn run(args: &Args) -> Result<bool> {
             let strength = strengths(&prior, &truth).first().copied().unwrap_or(0.0);
             table.text(&effects).number(strength).text(&first).number(probability).end_row()?;
             table.finish()?;
-            return Ok(first.strip_suffix("+unexplained").unwrap_or(&first) == effects);
+            let expected = right.iter().find(|right| right.effect == effects);
+            let expected = expected.map_or(&effects, |right| &right.hypothesis);
+            return Ok(first.strip_suffix("+unexplained").unwrap_or(&first) == expected);
         }
     }
     Ok(true)

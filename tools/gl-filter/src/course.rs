@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use gl_inference::filter::{Noise, Runs, Weighting};
+use gl_inference::filter::{NoiseModel, Runs, Weighting};
 use gl_inference::misfit::Misfits;
 use gl_numeric::statistics::{ess_fraction, mean, sd};
 use gl_table::TableWriter;
@@ -17,7 +17,7 @@ pub struct Course<'a> {
     pub runs: &'a Runs,
     /// The weights of all steps.
     pub last: &'a Weighting,
-    pub noise: Noise,
+    pub noise: NoiseModel,
     pub parameters: &'a [String],
     /// Parameters of the runs, one row a run.
     pub values: &'a [Vec<f64>],

@@ -9,13 +9,13 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::{conclude, note};
-use gl_inference::filter::{Noise, Runs, Target, Weighting, weigh, weigh_emulated};
+use gl_inference::filter::{NoiseModel, Runs, Target, Weighting, weigh, weigh_emulated};
 use gl_inference::misfit::{Incomplete, Misfits, Partial};
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
 use gl_inference::stop::leaning_verdicts;
-use gl_inference::summary::{Evidence, Summary};
+use gl_inference::summary::{Summary, Weighed};
 use gl_inference::weights::Weights;
 use gl_table::verdict::Verdicts;
 
@@ -132,7 +132,7 @@ fn run(args: &Args) -> Result<()> {
 
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
     let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
-    let evidence = Evidence {
+    let evidence = Weighed {
         runs: &runs,
         weighting: &weighting,
         noise,
@@ -163,13 +163,13 @@ fn run(args: &Args) -> Result<()> {
 }
 
 /// The weights that were asked for: at a sigma, or at the one of an effective sample size.
-fn weighting(args: &Args, runs: &Runs, misfits: &Misfits, noise: Noise) -> Result<Weighting> {
+fn weighting(args: &Args, runs: &Runs, misfits: &Misfits, noise: NoiseModel) -> Result<Weighting> {
     let ess = args.ess_runs.map_or(args.ess, |wanted| (wanted / misfits.len() as f64).min(0.9));
     let target = args.sigma.map_or(Target::Ess(ess), |sigma| sigma.0);
     let floor = args.sigma_min.map(|sigma| sigma.0);
     let is_emulated = misfits.ignorance.iter().any(|ignorance| *ignorance > 0.0);
     match (floor, noise) {
-        (Some(Target::Noise), Noise::Known) if is_emulated => {
+        (Some(Target::Noise), NoiseModel::Known) if is_emulated => {
             weigh_emulated(runs, target, &misfits.ignorance)
         }
         _ => weigh(runs, target, floor, noise),
@@ -239,10 +239,10 @@ fn proposals(args: &Args) -> Result<Vec<Option<Proposal>>> {
 }
 
 /// The noise, estimated where none was given from the residuals of the best run.
-fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> Noise {
+fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> NoiseModel {
     let best = (0..runs.misfit.len()).min_by(|&a, &b| runs.misfit[a].total_cmp(&runs.misfit[b])).unwrap_or(0);
     let varied = (0..values[0].len()).filter(|&j| values.iter().any(|row| row[j] != values[0][j])).count();
-    Noise::new(misfits.readings[best], varied)
+    NoiseModel::new(misfits.readings[best], varied)
 }
 
 /// Bounds of each parameter, those of its prior or a little more than the range of its samples, and

@@ -12,6 +12,7 @@ use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_gap::attribute::attribution::{Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl_gap::attribute::draws::{Drawn, draws};
 use gl_gap::attribute::marginals::{Marginal, marginals};
 use gl_gap::attribute::measurement::Kind;
 use gl_gap::attribute::next_runs::next_runs;
@@ -80,6 +81,10 @@ struct Args {
     /// hypothesis, probability, test, observable, step, control, predicted
     #[arg(long, value_name = "FILE")]
     curves_out: Option<PathBuf>,
+    /// Also write draws of the parameters under each likely set of effects, for gl-sensitivity --hypotheses: hypothesis,
+    /// probability, parameters
+    #[arg(long, value_name = "FILE")]
+    draws_out: Option<PathBuf>,
     /// Also write what is concluded: code, value, text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
@@ -129,6 +134,9 @@ Example (a line with a bend that the base model lacks):
 
 /// Hypotheses less probable than this are not worth a prediction.
 const LIKELY: f64 = 0.01;
+
+/// Draws of each hypothesis that are written.
+const DRAWS: usize = 200;
 
 /// Sets of effects whose curves are written however improbable they are, so that one sees what speaks against them.
 const NEAREST: usize = 3;
@@ -211,6 +219,9 @@ fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.curves_out {
         let tests: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
         write_curves(path, &tests, &observations, &diagnosis)?;
+    }
+    if let Some(path) = &args.draws_out {
+        write_draws(path, &problem, &diagnosis)?;
     }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * prior.parameters().len());
@@ -356,6 +367,21 @@ fn write_curves_of_one(
             let curves = of.evidence.mean.chunks_exact(observations.steps());
             table.text(&of.name).numbers(&[of.probability, (first + step) as f64, control]);
             table.numbers(&curves.map(|curve| curve[step]).collect::<Vec<_>>()).end_row()?;
+        }
+    }
+    table.finish()
+}
+
+fn write_draws(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let columns: Vec<String> = ["hypothesis".to_owned(), "probability".to_owned()]
+        .into_iter()
+        .chain(problem.prior.names())
+        .collect();
+    let mut table = TableWriter::create(Some(path), &columns)?;
+    let all = draws(problem, &diagnosis.attribution.explanations, LIKELY, DRAWS);
+    for Drawn { name, probability, draws } in &all {
+        for draw in draws {
+            table.text(name).number(*probability).numbers(draw).end_row()?;
         }
     }
     table.finish()

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Error, Result, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, shrink, shrink_tests, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, shrink, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -32,9 +32,10 @@ struct Args {
     /// Steps that calibration did not see, from A up to but not including B; without it all, which it did
     #[arg(long, value_name = "A:B", conflicts_with = "test")]
     steps: Option<Steps>,
-    /// Steps that calibration did see, as gl-likelihood --steps was told: the gap is measured on all others
-    #[arg(long, value_name = "A:B", conflicts_with_all = ["steps", "test"])]
-    calibrated: Option<Steps>,
+    /// Steps that calibration did see, as gl-likelihood --steps was told: the gap is measured on all others. With --test
+    /// NAME=A:B,… for each test that has steps which it did not see; the others are left out
+    #[arg(long, value_name = "A:B", conflicts_with = "steps")]
+    calibrated: Option<Seen>,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
@@ -61,6 +62,28 @@ Example (the measurement is a wave; the run before is flat, the one after has ha
   printf 'sample weight\\na 1\\n' > weights.tsv
   gl-gap-shrink -b obs.txt -c e -v q --noise q=0.05 \\
     --before before.tsv,weights.tsv --after after.tsv,weights.tsv";
+
+/// Steps that calibration did see: of the one test, or of each test that is named.
+#[derive(Clone, Debug)]
+enum Seen {
+    OfOne(Steps),
+    OfTests(Vec<(String, Steps)>),
+}
+
+impl FromStr for Seen {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        if !text.contains('=') {
+            return Ok(Self::OfOne(text.parse()?));
+        }
+        let of_test = |part: &str| {
+            let (test, steps) = part.split_once('=').with_context(|| format!("{part:?} is not NAME=A:B"))?;
+            Ok((test.to_owned(), steps.parse().with_context(|| format!("the test {test}"))?))
+        };
+        Ok(Self::OfTests(text.split(',').map(of_test).collect::<Result<_>>()?))
+    }
+}
 
 /// The tables of a calibration: runs, one table or one for each test, and their weights.
 #[derive(Clone, Debug)]
@@ -93,48 +116,79 @@ fn run(args: &Args) -> Result<()> {
     let measurement = args.measured.read()?;
     let (parts, before) = args.before.read(&measurement)?;
     let (_, after) = args.after.read(&measurement)?;
-    let names: Vec<String> = parts
+    let unseen = match &measurement.stack {
+        Some(_) => unseen_of_tests(args, &parts)?,
+        None => vec![unseen(args, parts[0].observations.steps())?],
+    };
+    // A test of which calibration saw everything says nothing of what it did not see.
+    let measured: Vec<usize> =
+        (0..parts.len()).filter(|&place| args.calibrated.is_none() || unseen[place].is_some()).collect();
+    let names: Vec<String> = measured
         .iter()
+        .map(|&place| &parts[place])
         .flat_map(|part| part.observations.names.iter().map(|of| named(&part.name, of)))
         .collect();
-    let shrinks = if measurement.stack.is_none() {
-        let Part { observations, noise, .. } = &parts[0];
-        let unseen = unseen(args, observations.steps())?;
-        shrink(observations, &before[0], &after[0], unseen, noise.as_deref(), args.scatter, args.seed)?
-    } else {
-        let compared: Vec<Compared> = parts
-            .iter()
-            .zip(before.iter().zip(&after))
-            .map(|(part, (before, after))| Compared {
-                observations: &part.observations,
-                noise_sd: part.noise.as_deref(),
-                before,
-                after,
-            })
-            .collect();
-        shrink_tests(&compared, args.scatter, args.seed)?
-    };
+    let compared: Vec<Compared> = measured
+        .iter()
+        .map(|&place| Compared {
+            observations: &parts[place].observations,
+            noise_sd: parts[place].noise.as_deref(),
+            unseen: unseen[place].as_deref(),
+            before: &before[place],
+            after: &after[place],
+        })
+        .collect();
+    let shrinks = shrink(&compared, args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &names)?;
     let verdicts = shrinks.last().map(verdict).unwrap_or_default();
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
 }
 
 fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {
-    let Some(seen) = args.calibrated else {
-        return Ok(args.steps.map(|unseen| unseen.within(steps)).transpose()?.map(Iterator::collect));
-    };
+    match &args.calibrated {
+        None => Ok(args.steps.map(|unseen| unseen.within(steps)).transpose()?.map(Iterator::collect)),
+        Some(Seen::OfOne(seen)) => {
+            let unseen = beside(*seen, steps)?;
+            ensure!(
+                !unseen.is_empty(),
+                "--calibrated: the measurement has {steps} steps, and calibration saw them all"
+            );
+            Ok(Some(unseen))
+        }
+        Some(Seen::OfTests(_)) => bail!("--calibrated: NAME=A:B is for --test; give A:B"),
+    }
+}
+
+/// The steps of each test that calibration did not see; none where it saw all of them, or nothing is said.
+fn unseen_of_tests(args: &Args, parts: &[Part]) -> Result<Vec<Option<Vec<usize>>>> {
+    let mut unseen = vec![None; parts.len()];
+    match &args.calibrated {
+        None => return Ok(unseen),
+        Some(Seen::OfOne(_)) => bail!("--calibrated: with --test give NAME=A:B,…, the steps of each test"),
+        Some(Seen::OfTests(seen)) => {
+            for (name, seen) in seen {
+                let Some(place) = parts.iter().position(|part| part.name == *name) else {
+                    let known: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
+                    bail!("--calibrated: no test {name}; they are {}", known.join(", "));
+                };
+                let steps = beside(*seen, parts[place].observations.steps())?;
+                unseen[place] = Some(steps).filter(|steps| !steps.is_empty());
+            }
+        }
+    }
+    ensure!(unseen.iter().any(Option::is_some), "--calibrated: calibration saw all steps of each test");
+    Ok(unseen)
+}
+
+/// All steps but those that calibration saw.
+fn beside(seen: Steps, steps: usize) -> Result<Vec<usize>> {
     ensure!(
         seen.to == usize::MAX || seen.to <= steps,
         "--calibrated {}:{}: the measurement has {steps} steps; end at {steps} or leave the end out",
         seen.from,
         seen.to
     );
-    let unseen: Vec<usize> = (0..steps).filter(|&step| !seen.contains(step)).collect();
-    ensure!(
-        !unseen.is_empty(),
-        "--calibrated: the measurement has {steps} steps, and calibration saw them all"
-    );
-    Ok(Some(unseen))
+    Ok((0..steps).filter(|&step| !seen.contains(step)).collect())
 }
 
 fn write(path: Option<&Path>, shrinks: &[Shrink], observables: &[String]) -> Result<()> {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl_cli::note;
-use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scale};
+use gl_inference::misfit::{Comparison, Covariance, MisfitRows, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_table::{Sink, open, source_name};
 
@@ -25,7 +25,7 @@ struct Args {
     observables: Vec<String>,
     /// What misfits are measured against: max (largest observation), value (each observation), range, none
     #[arg(long, value_name = "max|value|range|none")]
-    scale: Option<Scale>,
+    scale: Option<Scaling>,
     /// Inverse observation weights, as n=0.01,q=1; a smaller one makes an observable count for more
     #[arg(long, value_name = "NAME=W,…")]
     weights: Option<ByName>,
@@ -85,7 +85,7 @@ fn covariance(args: &Args, observations: &Observations) -> Result<Covariance> {
             }
             Ok(Covariance::of_noise(&noise))
         }
-        None => Covariance::scaled(observations, args.scale.unwrap_or(Scale::Max), &weights),
+        None => Covariance::scaled(observations, args.scale.unwrap_or(Scaling::Max), &weights),
     }
 }
 

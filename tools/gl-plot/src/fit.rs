@@ -4,12 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use gl_cli::measured::{Measurement, Part};
+use gl_cli::measured::{Measurement, Part, Tables};
 use gl_gap::locate::named;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::observations::{ByName, Observations};
 use gl_inference::predict::predict;
-use gl_inference::stack::{Stack, TestTables};
 use gl_inference::weights::Weights;
 
 use crate::input::check_panels;
@@ -23,28 +21,17 @@ use gl_figure::scene::{Paint, Rect, Scene, color};
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Fit {
-    /// Table of what was measured
-    #[arg(short = 'b', long, value_name = "FILE", required_unless_present = "test")]
-    observations: Option<PathBuf>,
     /// Column of the control; by default the one after `step`
     #[arg(short, long, value_name = "NAME")]
     control: Option<String>,
     /// Columns of the observables; by default all after the control
     #[arg(short = 'v', long, value_name = "NAME,…", value_delimiter = ',')]
     observables: Vec<String>,
-    /// A test, instead of -b -c -v --noise; repeat for several. Its ensemble is then given as NAME=ENSEMBLE
-    #[arg(
-        long,
-        value_name = "NAME:OBS:CONTROL:OBSERVABLES[:NOISE[:STEPS]]",
-        conflicts_with_all = ["observations", "control", "observables", "noise"]
-    )]
-    test: Vec<TestTables>,
+    #[command(flatten)]
+    tables: Tables,
     /// Weights of the runs; without them every run counts alike
     #[arg(short, long, value_name = "FILE")]
     weights: Option<PathBuf>,
-    /// Standard deviation of the measurement noise, as in f=0.02,q=1
-    #[arg(long, value_name = "NAME=SD,…")]
-    noise: Option<ByName>,
     /// Unit of columns, as in q=MPa,u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -117,18 +104,15 @@ impl Fit {
 
     /// The tests with their runs; one without a name where no tests are given.
     fn parts(&self) -> Result<Vec<Part>> {
-        if !self.test.is_empty() {
-            let stack = Stack::read(&self.test)?;
-            let (observations, noise) = (stack.observations.clone(), stack.noise.clone());
-            let all = Measurement { observations, noise, stack: Some(stack) };
-            return all.parts("gl-plot", &self.ensembles);
+        if self.tables.is_stack() {
+            return self.tables.read("", &[])?.parts("gl-plot", &self.ensembles);
         }
-        let (Some(file), [ensemble]) = (&self.observations, self.ensembles.as_slice()) else {
+        let [ensemble] = self.ensembles.as_slice() else {
             bail!("give one ensemble, or tests with --test and NAME=ENSEMBLE for each");
         };
         let ensemble = Ensemble::read_by_header(ensemble, self.control.as_deref(), &self.observables)?;
-        let observations = Observations::read(file, &ensemble.control_name, &ensemble.observables)?;
-        let noise = observations.noise(&self.noise.clone().unwrap_or_default())?;
+        let Measurement { observations, noise, .. } =
+            self.tables.read(&ensemble.control_name, &ensemble.observables)?;
         ensure!(!ensemble.is_empty(), "{}: no runs; there is nothing to draw", ensemble.source);
         ensemble.check_steps(&observations)?;
         Ok(vec![Part { name: String::new(), first: 0, observations, noise, ensemble }])

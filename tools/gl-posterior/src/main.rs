@@ -8,7 +8,7 @@ use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::loo::{self, LeftOut, Reading};
-use gl_inference::misfit::{Covariance, Scale};
+use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
@@ -32,7 +32,7 @@ struct Args {
     measured: Measured,
     /// What an unknown noise is a share of: max, value, range or none
     #[arg(long, value_name = "SCALE", default_value = "max")]
-    scale: Scale,
+    scale: Scaling,
     /// How much an observable counts where the noise is not known, as an inverse weight; one of several tests is
     /// called TEST.OBSERVABLE
     #[arg(long, value_name = "NAME=W,…")]

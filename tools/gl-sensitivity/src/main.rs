@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
+use gl_emulator::odds::{Hypothesis, expected_odds};
 use gl_emulator::posterior::space::Space;
 use gl_emulator::sensitivity::{Told, information, sobol};
 use gl_emulator::{Emulator, Options};
@@ -24,6 +25,11 @@ use gl_table::verdict::Verdicts;
 /// the prior that each parameter makes by itself (first) and with all others (total), with the standard
 /// errors of these indices. With the draws of a posterior: how far it has narrowed each parameter, and
 /// which directions stay free. With runs of tests that are planned: which of them would narrow most.
+///
+/// With --hypotheses it asks something else of planned tests: how far each would tell the hypotheses of gl-gap-attribute apart.
+/// The samples and runs are then those of a design in which effects are on and off, and the table says what is to
+/// be expected for each planned test and each hypothesis, if it is true: its mean probability then, and the mean ln odds
+/// against the rival that it is told from worst.
 #[derive(Parser)]
 #[command(name = "gl-sensitivity", version, after_help = EXAMPLE)]
 struct Args {
@@ -42,6 +48,9 @@ struct Args {
     /// Stretches of the control, of as many steps each
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = gl_cli::count)]
     stretches: usize,
+    /// Draws under each hypothesis, of gl-gap-attribute --draws-out: hypothesis probability PARAMETER…
+    #[arg(long, value_name = "FILE", requires = "plan", conflicts_with_all = ["weights", "plan_out", "control", "observables", "ensembles"])]
+    hypotheses: Option<PathBuf>,
     /// Draws of the posterior, or weights of runs; without it what is planned is held against the prior
     #[arg(short, long, value_name = "FILE")]
     weights: Option<PathBuf>,
@@ -63,7 +72,8 @@ struct Args {
     /// Where the conclusions go, besides stderr: code value text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
-    /// Where the indices go; stdout by default
+    /// Where the indices go, or with --hypotheses the odds: test hypothesis probability_now probability_then rival
+    /// ln_odds_now ln_odds_then; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Ensembles of the runs, `-` for stdin; TEST=ENSEMBLE for several tests, whose observables are then called
@@ -129,9 +139,12 @@ fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let samples = Samples::concatenate(tables)?;
-    let space = Space::new(&prior, &samples)?;
     let options = Options { seed: args.seed, ..Options::default() };
     let emulate = |ensemble: &Ensemble| Emulator::fit(&prior, &samples, ensemble, &options);
+    if let Some(path) = &args.hypotheses {
+        return odds(args, &Hypothesis::read_all(path, &prior)?, &emulate);
+    }
+    let space = Space::new(&prior, &samples)?;
 
     let mut table = TableWriter::create(args.output.as_deref(), &COLUMNS)?;
     for Test { name, ensemble } in tests(args)? {
@@ -261,6 +274,67 @@ fn say_free(verdicts: &mut Verdicts, told: &Told) {
     }
 }
 
+/// The planned tests with their runs and the noise of each reading, shape (readings,).
+fn planned(args: &Args) -> Result<Vec<(&Plan, Ensemble, Vec<f64>)>> {
+    let of = |(i, plan): (usize, &'_ Plan)| {
+        ensure!(
+            args.plan[..i].iter().all(|other| other.name != plan.name),
+            "--plan {}: given twice",
+            plan.name
+        );
+        for (name, sd) in &plan.noise.0 {
+            ensure!(
+                *sd > 0.0,
+                "--plan {}: the noise of {name} is {sd}; give its standard deviation",
+                plan.name
+            );
+        }
+        let names: Vec<String> = plan.noise.0.iter().map(|(name, _)| name.clone()).collect();
+        let ensemble = Ensemble::read_by_header(&plan.ensemble, None, &names)?;
+        let noise = plan.noise.0.iter().flat_map(|(_, sd)| vec![*sd; ensemble.steps()]).collect();
+        Ok((ensemble, noise))
+    };
+    let with = |(i, plan)| of((i, plan)).map(|(ensemble, noise)| (plan, ensemble, noise));
+    args.plan.iter().enumerate().map(with).collect()
+}
+
+/// How far each planned test would tell hypotheses apart.
+fn odds(
+    args: &Args,
+    hypotheses: &[Hypothesis],
+    emulate: &dyn Fn(&Ensemble) -> Result<Emulator>,
+) -> Result<()> {
+    let columns =
+        ["test", "hypothesis", "probability_now", "probability_then", "rival", "ln_odds_now", "ln_odds_then"];
+    let mut table = TableWriter::create(args.output.as_deref(), &columns)?;
+    let mut best: Option<(f64, &Plan)> = None;
+    for (plan, ensemble, noise) in planned(args)? {
+        let expected = expected_odds(&emulate(&ensemble)?, hypotheses, &noise, args.seed)?;
+        for (of, expected) in hypotheses.iter().zip(&expected) {
+            table.text(&plan.name).text(&of.name).numbers(&[of.probability, expected.probability]);
+            table.text(&hypotheses[expected.rival].name);
+            table.numbers(&[expected.ln_odds_now, expected.ln_odds_then]).end_row()?;
+        }
+        let of_truth =
+            hypotheses.iter().zip(&expected).map(|(of, then)| of.probability * then.probability).sum();
+        if best.is_none_or(|(most, _)| of_truth > most) {
+            best = Some((of_truth, plan));
+        }
+    }
+    let mut verdicts = Verdicts::default();
+    if let Some((then, plan)) = best {
+        let now: f64 = hypotheses.iter().map(|of| of.probability.powi(2)).sum();
+        let text = format!(
+            "Of what is planned {} would tell the hypotheses apart best: the right one would have a probability of {then:.2} in \
+             the mean, it has {now:.2} now.",
+            plan.name
+        );
+        verdicts.add("tells-apart", &plan.name, text);
+    }
+    gl_cli::conclude("gl-sensitivity", &verdicts, args.verdict.as_deref())?;
+    table.finish()
+}
+
 /// What each planned test would leave.
 fn plan(
     args: &Args,
@@ -273,22 +347,7 @@ fn plan(
     let mut table =
         args.plan_out.as_deref().map(|path| TableWriter::create(Some(path), &columns)).transpose()?;
     let mut best: Option<(f64, &Plan, Vec<f64>)> = None;
-    for (i, plan) in args.plan.iter().enumerate() {
-        ensure!(
-            args.plan[..i].iter().all(|other| other.name != plan.name),
-            "--plan {}: given twice",
-            plan.name
-        );
-        let names: Vec<String> = plan.noise.0.iter().map(|(name, _)| name.clone()).collect();
-        let ensemble = Ensemble::read_by_header(&plan.ensemble, None, &names)?;
-        for (name, sd) in &plan.noise.0 {
-            ensure!(
-                *sd > 0.0,
-                "--plan {}: the noise of {name} is {sd}; give its standard deviation",
-                plan.name
-            );
-        }
-        let noise: Vec<f64> = plan.noise.0.iter().flat_map(|(_, sd)| vec![*sd; ensemble.steps()]).collect();
+    for (plan, ensemble, noise) in planned(args)? {
         let after = told.after(space, &emulate(&ensemble)?, &noise)?;
         let nats = information(&told.covariance, &after);
         let narrowing: Vec<f64> = told

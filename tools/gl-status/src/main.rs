@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_case::Case;
-use gl_engine::control::{Control, Record, stages};
+use gl_engine::control::{Control, Record, batches, stages};
 use gl_engine::folder::RunFolder;
 use gl_engine::lock::OutLock;
 use gl_engine::scheduler::{NoAnswer, Patience, of_engine};
@@ -54,8 +54,9 @@ fn run(args: &Args) -> Result<bool> {
     let Some(record) = Record::read(out)? else {
         said.push_str(&text::runs(out, &stages, None)?);
         let holder = OutLock::holder(out);
+        let batches = stages.iter().map(|stage| batches(stage)).collect::<Result<Vec<_>>>()?.concat();
         let is_driven =
-            holder.is_some() || stages.iter().any(|stage| RunFolder::is_held(&stage.join("runs")));
+            holder.is_some() || batches.iter().any(|batch| RunFolder::is_held(&batch.join("runs")));
         said.push_str(&match holder {
             Some(holder) => format!("{holder} works here\n"),
             None if is_driven => String::new(),

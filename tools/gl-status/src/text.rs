@@ -52,25 +52,21 @@ pub fn is_finished(out: &Path, stages: &[PathBuf]) -> bool {
 /// The runs of the iteration at hand, by what is in the queue where that is known; and on a terminal a bar.
 pub fn runs(out: &Path, stages: &[PathBuf], queue: Option<&[Job]>) -> Result<String> {
     let Some(stage) = stages.last().filter(|stage| !is_complete(stage)) else { return Ok(String::new()) };
-    let mut runs = Runs::of(stage)?;
+    let mut tests = Runs::of_tests(stage)?;
     // What the scheduler has killed could not say so.
     let is_idle = queue.is_some_and(|jobs| !jobs.iter().any(is_running));
     if is_idle {
-        runs.running = 0;
+        tests.iter_mut().for_each(|(_, runs)| runs.running = 0);
     }
-    let mut line = format!(
-        "{}: {} runs: {} done, {} running, {} failed, {} to come",
-        name(out, stage),
-        runs.rows,
-        runs.done,
-        runs.running,
-        runs.failed,
-        runs.to_come()
-    );
+    let runs = tests.iter().map(|(_, runs)| runs.clone()).sum::<Runs>();
+    let mut line = counted(&name(out, stage), &runs);
     if let Some(time) = runs.forecast(SystemTime::now()).filter(|_| !is_idle) {
         line.push_str(&format!("; {} left", roughly(time)));
     }
     line.push('\n');
+    for (test, runs) in tests.iter().filter(|_| tests.len() > 1) {
+        line.push_str(&format!("    {}\n", counted(test, runs)));
+    }
     if io::stdout().is_terminal() {
         let ended = runs.done + runs.failed;
         let full = (ended * WIDTH).checked_div(runs.rows).unwrap_or(0);
@@ -85,6 +81,18 @@ pub fn runs(out: &Path, stages: &[PathBuf], queue: Option<&[Job]>) -> Result<Str
         line.push_str(&format!("runs, job {}\n", job.to_string().to_lowercase()));
     }
     Ok(line)
+}
+
+/// How many runs of an iteration or a test there are, and how many have come to what.
+fn counted(name: &str, runs: &Runs) -> String {
+    format!(
+        "{name}: {} runs: {} done, {} running, {} failed, {} to come",
+        runs.rows,
+        runs.done,
+        runs.running,
+        runs.failed,
+        runs.to_come()
+    )
 }
 
 /// The controlling job, or that there is none and what the last one said.

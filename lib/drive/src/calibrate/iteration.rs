@@ -1,6 +1,8 @@
 //! One iteration: propose samples, run them, weigh all runs so far, and see whether to stop.
 
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
+use std::thread;
 
 use anyhow::{Result, bail, ensure};
 use gl_case::{Case, Engine, Posterior, Test};
@@ -169,18 +171,14 @@ impl<'a> Iteration<'a> {
 
     /// Run the samples in each test and collect the runs: false where they are in a queue.
     fn run(&self) -> Result<bool> {
-        for test in &self.setting.case.tests {
-            if !self.run_test(test)? {
-                return Ok(false);
-            }
-        }
-        Ok(true)
+        let Setting { case, runs, wait, .. } = *self.setting;
+        case.tests.iter().try_for_each(|test| self.give(test))?;
+        in_each_test(case, runs.map(|(engine, _)| engine), wait, |test| self.run_test(test))
     }
 
     fn run_test(&self, test: &Test) -> Result<bool> {
         let Setting { case, runner, .. } = *self.setting;
         let folder = self.setting.folder_of(self.number, test);
-        self.give(test)?;
         let (samples, ensemble) = (folder.join("samples.txt"), folder.join("ensemble.txt"));
         if is_current(&ensemble, &[&samples, &test.obs])? {
             return Ok(true);
@@ -306,6 +304,37 @@ impl<'a> Iteration<'a> {
     pub(crate) fn files_so_far(&self, name: &str) -> Vec<PathBuf> {
         (0..=self.number).map(|i| self.setting.folder(i).join(name)).collect()
     }
+}
+
+/// Run each test: whether the runs of all have ended. In a queue they are at the same time; but where the site limits how
+/// many tasks run, which it does array by array, one test comes after the other.
+///
+/// # Errors
+/// The first of a test.
+pub(crate) fn in_each_test(
+    case: &Case,
+    engine: Option<Engine>,
+    wait: bool,
+    run: impl Fn(&Test) -> Result<bool> + Sync,
+) -> Result<bool> {
+    let is_at_once = engine.is_some_and(Engine::is_queue) && case.cluster.max_concurrent.is_none();
+    if is_at_once && wait {
+        return thread::scope(|scope| {
+            let running: Vec<_> = case.tests.iter().map(|test| scope.spawn(|| run(test))).collect();
+            running.into_iter().try_fold(true, |all, one| {
+                let has_ended = one.join().unwrap_or_else(|panic| resume_unwind(panic))?;
+                Ok(all && has_ended)
+            })
+        });
+    }
+    let mut all = true;
+    for test in &case.tests {
+        all &= run(test)?;
+        if !all && !is_at_once {
+            break;
+        }
+    }
+    Ok(all)
 }
 
 /// Write the samples of a test: those of a table, with what is given of the test.

@@ -13,6 +13,7 @@ use anyhow::Result;
 use gl_case::Test;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
+use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
@@ -21,7 +22,7 @@ use gl_table::Table;
 use super::{Diagnosis, RUNS_WEIGHTS, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::emulated::of_test_or_none;
-use crate::calibrate::iteration::{collect, give, run};
+use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
@@ -220,28 +221,29 @@ impl Round<'_> {
     }
 
     fn run(&self) -> Result<bool> {
-        for test in &self.diagnosis.case.tests {
-            if !self.run_test(test)? {
-                return Ok(false);
-            }
+        let Diagnosis { case, engine, wait, .. } = *self.diagnosis;
+        case.tests.iter().try_for_each(|test| self.give(test))?;
+        in_each_test(case, Some(engine), wait, |test| self.run_test(test))
+    }
+
+    /// The samples of a test that has a name: those of the round, with what is given of the test.
+    fn give(&self, test: &Test) -> Result<()> {
+        let Diagnosis { case, engine, .. } = *self.diagnosis;
+        let folder = within(&self.folder, test);
+        let (all, samples) = (self.file("samples.txt"), folder.join("samples.txt"));
+        if test.name.is_empty() || is_current(&samples, &[&all, &case.file()])? {
+            return Ok(());
         }
-        Ok(true)
+        make_folder(&folder)?;
+        give(&all, test, Some(engine), case.threads, &samples)
     }
 
     /// Run the samples in a test and collect the runs: false where they are in a queue.
     fn run_test(&self, test: &Test) -> Result<bool> {
         let Diagnosis { case, engine, model, runner, wait, .. } = *self.diagnosis;
         let folder = within(&self.folder, test);
-        let (all, samples, ensemble) =
-            (self.file("samples.txt"), folder.join("samples.txt"), folder.join("ensemble.txt"));
-        let mut own = model.to_owned();
-        if !test.name.is_empty() {
-            make_folder(&folder)?;
-            own = case.model_of(test, engine)?;
-            if !is_current(&samples, &[&all, &case.file()])? {
-                give(&all, test, Some(engine), case.threads, &samples)?;
-            }
-        }
+        let (samples, ensemble) = (folder.join("samples.txt"), folder.join("ensemble.txt"));
+        let own = if test.name.is_empty() { model.to_owned() } else { case.model_of(test, engine)? };
         if is_current(&ensemble, &[&samples, &test.obs])? {
             return Ok(true);
         }
@@ -354,10 +356,8 @@ impl Round<'_> {
     fn failed(&self) -> Result<BTreeSet<String>> {
         let mut failed = BTreeSet::new();
         for test in &self.diagnosis.case.tests {
-            let status = Table::read(&within(&self.folder, test).join("status.txt"))?;
-            let (name, outcome) = (status.format().column("sample")?, status.format().column("status")?);
-            let rows = (0..status.len()).filter(|&row| status.field(row, outcome) != "ok");
-            failed.extend(rows.map(|row| status.field(row, name).to_owned()));
+            let rows = RunStatus::failed(&within(&self.folder, test).join("status.txt"))?;
+            failed.extend(rows.into_iter().map(|row| row.sample));
         }
         Ok(failed)
     }

@@ -4,7 +4,7 @@ use anyhow::Result;
 use gl_inference::samples::Samples;
 use gl_inference::summary::{ParameterSummary, Summary, leaning};
 use gl_inference::weights::Weights;
-use gl_numeric::statistics::{Quantiles, mean, sd};
+use gl_numeric::statistics::{Quantiles, effective_size, mean, sd};
 use gl_table::verdict::Verdicts;
 use rayon::prelude::*;
 
@@ -106,7 +106,7 @@ impl Inference {
         let n = self.points.len();
         let even = vec![1.0 / n as f64; n];
         let of_runs = self.weights_of_runs(samples)?;
-        let ess_runs = 1.0 / of_runs.weight.iter().map(|w| w * w).sum::<f64>();
+        let ess_runs = effective_size(&of_runs.weight);
         let known = self.measured().is_known.then_some(self.measured().values.len() as f64);
         let mut summary = Summary {
             runs: Some(self.runs.len() as f64),
@@ -154,7 +154,7 @@ impl Inference {
     /// See [`Inference::weights_of_runs`].
     pub fn summary_of_runs(&self, samples: &Samples) -> Result<Summary> {
         let weights = self.weights_of_runs(samples)?;
-        let ess_runs = 1.0 / weights.weight.iter().map(|w| w * w).sum::<f64>();
+        let ess_runs = effective_size(&weights.weight);
         let errors: Vec<f64> = self.runs.iter().map(|run| run.error).collect();
         let of = |(j, name): (usize, String)| {
             let column: Vec<f64> = weights.values.iter().map(|row| row[j]).collect();

@@ -1,5 +1,7 @@
 //! How much of the gap a hypothesis closes, and how much the real simulation would.
 
+use std::ops::AddAssign;
+
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use rand::SeedableRng;
@@ -26,25 +28,31 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    left_of_noise(model, w, &model.nuisances(w).scales, (model, w))
+    let squares = left_of_noise(model, w, &model.nuisances(w).scales, (model, w))?;
+    Ok(squares.iter().sum::<f64>().sqrt())
 }
 
 /// A model without a rest and its parameters, by whose noise and scatter is calibrated.
 type Metric<'m, 'a> = (&'m Model<'a>, &'m [f64]);
 
-/// Root mean square over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
-/// scatter.
-fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<f64> {
+/// Mean squares over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
+/// scatter: that of the noise of each observable, and behind them that of the scatter.
+fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<Vec<f64>> {
     let problem = model.problem();
     let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
     absorb(metric.0, metric.1, &slopes, &mut errors)?;
-    let share = |i: usize| {
-        let square = errors.row(i).norm_squared() / problem.ranges[problem.observable_of(i)].powi(2);
-        problem.counts(i) * square
-    };
-    let sum: f64 = (0..errors.nrows()).map(share).sum();
-    Ok((sum / errors.nrows() as f64).sqrt())
+    let readings = errors.nrows();
+    let scattered = errors.ncols() - readings;
+    let mut squares = vec![0.0; scales.len() + 1];
+    for (k, error) in errors.column_iter().enumerate() {
+        let of = if k < scattered { scales.len() } else { problem.observable_of(k - scattered) };
+        let share = |(i, e): (usize, &f64)| {
+            problem.counts(i) * (e / problem.ranges[problem.observable_of(i)]).powi(2)
+        };
+        squares[of] += error.iter().enumerate().map(share).sum::<f64>() / readings as f64;
+    }
+    Ok(squares)
 }
 
 /// Take out of errors, shape (readings, errors), what calibration absorbs by slopes of the curve, shape
@@ -84,7 +92,7 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
     let is_wider = problem.beliefs.iter().any(Option::is_some);
-    let within = is_wider.then(|| believed(problem, &model.point(w)));
+    let within = is_wider.then(|| believed(problem, &problem.prior.base(), &model.point(w)));
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
         let best = &explanation.best()[..own.len()];
@@ -111,16 +119,16 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
 /// A parameter of the prior, and the coordinates between which it stays.
 type Within = (usize, f64, f64);
 
-/// Where the base parameters are believed to be, and as far beyond as a point is.
-fn believed(problem: &Problem<'_>, point: &[f64]) -> Vec<Within> {
-    let within = |j: usize| {
+/// Where parameters are believed to be, and as far beyond as a point is.
+fn believed(problem: &Problem<'_>, parameters: &[usize], point: &[f64]) -> Vec<Within> {
+    let within = |&j: &usize| {
         let (low, high) = problem.beliefs[j].map_or((0.0, 1.0), |belief| belief.bounds());
         (j, low.min(point[j]), high.max(point[j]))
     };
-    problem.prior.base().into_iter().map(within).collect()
+    parameters.iter().map(within).collect()
 }
 
-/// What is left of the measurement, shape (readings, 1), when the base parameters of a model are calibrated again
+/// What is left of the measurement, shape (readings, 1), when parameters of a model's simulation are calibrated again
 /// within bounds, from where they are, in the metric of another model's noise and scatter: Gauss–Newton steps of
 /// those that no bound holds.
 fn recalibrated(
@@ -215,33 +223,36 @@ const DRAWS: usize = 400;
 /// The real simulation differs from its emulator by what the emulator says it may. Under the second
 /// model the measurement itself tells part of that difference: what is left of it is emulator's error, the rest
 /// and noise, in proportion to their variances. The first model's gap tells nothing of it, and neither does what it
-/// makes of its misfit, a large or a correlated noise: both are calibrated in the metric of the second one's, within the
-/// bounds that were believed. Each model loses the floor that its own parameters leave of the noise.
+/// makes of its misfit, a large or a correlated noise: both are calibrated in the metric of the noise as stated, or of the
+/// second one's where it is not, within the bounds that were believed. Each model loses the floor that its own parameters
+/// leave of the noise.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    // One noise, that of the model which is right.
+    // One noise, that of the model which is right; calibrated is by what is stated of it.
     let plain = after.model.plain();
-    let metric = (&plain, &after.mode.w.as_slice()[..plain.len()]);
-    let noise = plain.nuisances(metric.1).scales;
+    let own = &after.mode.w.as_slice()[..plain.len()];
+    let noise = plain.nuisances(own).scales;
+    let stated = plain.as_stated(own);
+    let metric = (&plain, stated.as_slice());
     let own_floor = |fitted: &Fitted<'_>| {
         let own = fitted.model.plain();
         left_of_noise(&own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
     };
     let floors = [own_floor(before)?, own_floor(after)?];
-    let readings = after.mean.len() as f64;
+    let levels = noise_levels(after, &noise, &mut random);
     let (before, after) =
         (gaps_before(before, metric, &mut random)?, gaps_after(after, metric, &mut random)?);
     let shrinks: Vec<f64> = before
         .iter()
         .zip(&after)
-        .map(|(&before, &after)| {
-            // The square of the noise in so many readings is known no better than to the root of 2/n.
-            let level = (1.0 + (2.0 / readings).sqrt() * standard_normal(&mut random)).max(0.0);
-            let above = |gap: f64, floor: f64| (gap * gap - level * floor * floor).max(0.0);
-            let (before, after) = (above(before, floors[0]), above(after, floors[1]));
+        .zip(&levels)
+        .map(|((&before, &after), levels)| {
+            let floor = |squares: &[f64]| squares.iter().zip(levels).map(|(s, level)| s * level).sum::<f64>();
+            let above = |gap: f64, squares: &[f64]| (gap * gap - floor(squares)).max(0.0);
+            let (before, after) = (above(before, &floors[0]), above(after, &floors[1]));
             if before > 0.0 { 1.0 - (after / before).min(1.0) } else { 0.0 }
         })
         .collect();
@@ -249,19 +260,50 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
 }
 
+/// Draws of the squares of the noise over those of these scales, shape (draws, observables + 1), the scatter's behind them,
+/// which is as it is: what is noise, and what a rest that looks like it, is known no better than the posterior says.
+fn noise_levels(fitted: &Fitted<'_>, scales: &[f64], random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let (model, mode) = (fitted.model, fitted.mode);
+    let first = model.curve_parameters();
+    let count = model.len() - first;
+    let spread = mode.covariance.view((first, first), (count, count)).into_owned();
+    let root = Cholesky::new(spread.clone())
+        .map_or_else(|| DMatrix::from_diagonal(&spread.diagonal().map(f64::sqrt)), |factor| factor.l());
+    let draw = |_| {
+        let away = &root * DVector::from_fn(count, |_, _| standard_normal(random));
+        let mut w = mode.w.clone();
+        w.rows_mut(first, count).add_assign(&away);
+        let drawn = model.nuisances(w.as_slice()).scales;
+        drawn.iter().zip(scales).map(|(drawn, scale)| (drawn / scale).powi(2)).chain([1.0]).collect()
+    };
+    (0..DRAWS).map(draw).collect()
+}
+
+/// What is left of the measurement, shape (readings, 1), when all of a model is calibrated again in a metric: the
+/// simulation within its bounds, errors of the measurement beside it.
+fn calibrated(fitted: &Fitted<'_>, metric: Metric<'_, '_>) -> Result<DMatrix<f64>> {
+    let own = fitted.model.plain();
+    let w = &fitted.mode.w.as_slice()[..own.len()];
+    let simulated = own.simulated_parameters();
+    let within = believed(own.problem(), simulated, &metric.0.point(metric.1));
+    let mut residual = recalibrated(metric, &own, w, &within)?;
+    let (_, slopes) = own.gradient(w);
+    let of_measurement = slopes.columns_range(simulated.len()..).into_owned();
+    absorb(metric.0, metric.1, &of_measurement, &mut residual)?;
+    Ok(residual)
+}
+
 /// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one, whose errors the
 /// measurement tells nothing of.
 fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
-    let (own, problem) = (fitted.model.plain(), fitted.model.problem());
-    let w = &fitted.mode.w.as_slice()[..own.len()];
-    let within = believed(problem, &metric.0.point(metric.1));
-    let residual = recalibrated(metric, &own, w, &within)?;
+    let own = fitted.model.plain();
+    let residual = calibrated(fitted, metric)?;
     let errors = emulator_errors(fitted);
     let mut real = -(&errors * DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random)));
-    let (_, slopes) = own.gradient(w);
+    let (_, slopes) = own.gradient(&fitted.mode.w.as_slice()[..own.len()]);
     absorb(metric.0, metric.1, &slopes, &mut real)?;
     real.column_iter_mut().for_each(|mut column| column += &residual);
-    Ok(gaps(problem, &real))
+    Ok(gaps(own.problem(), &real))
 }
 
 /// The same of the model that is right: its errors are drawn given the measurement.
@@ -284,16 +326,17 @@ fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8R
     let mut unit = &eigen.eigenvectors * DMatrix::from_diagonal(&roots) * unit;
     unit.column_iter_mut().for_each(|mut column| column += product.column(errors.ncols()));
     let mut real = -(&errors * unit);
-    real.column_iter_mut().for_each(|mut column| column += &residual);
-    // What the components leave out of a reading, given its sum with the noise.
+    // What the components leave out of a reading, given all of them, beside the noise.
     let scales = model.nuisances(w).scales;
     for (i, left_out) in problem.predictor.left_over().iter().enumerate() {
         let noise = (scales[problem.observable_of(i)] * problem.units[i]).powi(2);
-        let share = left_out / (left_out + noise);
-        let sd = (share * noise).sqrt();
-        real.row_mut(i).apply(|r| *r = (1.0 - share) * *r + sd * standard_normal(random));
+        let sd = (left_out * noise / (left_out + noise).max(f64::MIN_POSITIVE)).sqrt();
+        let mean = left_out * solved[(i, errors.ncols())];
+        real.row_mut(i).apply(|r| *r -= mean + sd * standard_normal(random));
     }
     absorb(metric.0, metric.1, &slopes, &mut real)?;
+    let residual = calibrated(fitted, metric)?;
+    real.column_iter_mut().for_each(|mut column| column += &residual);
     Ok(gaps(problem, &real))
 }
 

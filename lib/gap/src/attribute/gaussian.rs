@@ -37,8 +37,8 @@ pub struct Patterns {
 /// Products of the patterns that an observable has a share in, each of shape (those patterns, those patterns).
 #[derive(Clone, Debug)]
 struct Gram {
-    /// Which these are among all patterns.
-    places: Vec<usize>,
+    /// Which these are among all patterns: stretches of them that lie behind each other.
+    stretches: Vec<Range<usize>>,
     /// Σ uₜ uₜᵀ over all steps.
     all: DMatrix<f64>,
     /// The same over the first and the last step.
@@ -84,8 +84,9 @@ impl Patterns {
             let (first, last) = (own.row(0), own.row(steps - 1));
             let (before, after) = (own.rows(0, steps - 1), own.rows(1, steps - 1));
             let next = before.tr_mul(&after);
+            let stretches = places.chunk_by(|a, b| a + 1 == *b).map(|own| own[0]..own[own.len() - 1] + 1);
             Gram {
-                places,
+                stretches: stretches.collect(),
                 all: own.tr_mul(&own),
                 ends: first.tr_mul(&first) + last.tr_mul(&last),
                 neighbours: &next + next.transpose(),
@@ -108,16 +109,19 @@ impl Patterns {
         let mut inner = DMatrix::zeros(count, count);
         for (gram, level) in self.grams.iter().zip(levels) {
             let (diagonal, ends, next) = level.tridiagonal();
-            for (own, &column) in gram.places.iter().enumerate() {
-                let mut sums = inner.column_mut(column);
-                let (all, next_to, at_ends) =
-                    (gram.all.column(own), gram.neighbours.column(own), gram.ends.column(own));
-                let products = all.iter().zip(&next_to).zip(&at_ends);
-                for (&place, ((all, neighbours), at_ends)) in gram.places.iter().zip(products) {
-                    sums[place] += diagonal * all + next * neighbours;
-                    if ends != 0.0 {
-                        sums[place] += ends * at_ends;
+            for (own, column) in gram.stretches.iter().cloned().flatten().enumerate() {
+                let sums = &mut inner.as_mut_slice()[column * count..(column + 1) * count];
+                let mut from = own * gram.all.nrows();
+                for stretch in &gram.stretches {
+                    let until = from + stretch.len();
+                    let [all, next_to, at_ends] =
+                        [&gram.all, &gram.neighbours, &gram.ends].map(|of| &of.as_slice()[from..until]);
+                    let products = all.iter().zip(next_to).zip(at_ends);
+                    for (sum, ((all, next_to), at_ends)) in sums[stretch.clone()].iter_mut().zip(products) {
+                        *sum += diagonal * all + next * next_to;
+                        *sum += ends * at_ends;
                     }
+                    from = until;
                 }
             }
         }

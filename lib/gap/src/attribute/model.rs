@@ -65,6 +65,9 @@ const SD_OF_LN_NOISE: f64 = 0.5;
 /// Largest correlation of the noise from one step to the next.
 const HIGHEST_PHI: f64 = 0.95;
 
+/// Where there is no correlation to speak of.
+const WHITE: f64 = -8.0;
+
 /// Smallest amplitude of a rest in noise and scatter; the largest is the range.
 const SMALLEST_AMPLITUDE: f64 = 0.1;
 
@@ -282,6 +285,17 @@ impl<'a> Model<'a> {
             gradient.set_column(column, &((above - below) / (2.0 * STEP)));
         }
         (self.measure(simulated, w), gradient)
+    }
+
+    /// The parameters with the noise as it is stated, white, where it is; as they are where it is not.
+    pub fn as_stated(&self, w: &[f64]) -> Vec<f64> {
+        let mut stated = w.to_vec();
+        if self.problem.is_noise_stated {
+            let (scales, rest) = stated[self.curve_parameters()..].split_at_mut(self.problem.ranges.len());
+            scales.fill(0.0);
+            rest[..scales.len()].fill(WHITE);
+        }
+        stated
     }
 
     /// What changes the covariance.

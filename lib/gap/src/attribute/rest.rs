@@ -151,6 +151,7 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     add("the start", "bedding, uneven ends or a late zero", (0..steps).map(since_start).collect());
     let to_end = |t: usize| (-(1.0 - travelled[t]) / FADES).exp();
     add("the end", "breakage of grains, a membrane or a drift", (0..steps).map(to_end).collect());
+    add("the way so far", "a drift of the sensor or creep", travelled.to_vec());
     if !turns.is_empty() {
         let way =
             |t: usize| if control[(t + 1).min(last)] >= control[(t + 1).min(last) - 1] { 1.0 } else { -1.0 };

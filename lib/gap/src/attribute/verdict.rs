@@ -10,7 +10,7 @@ use crate::attribute::lean::Lean;
 use crate::attribute::marginals::{Marginal, marginals};
 use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
-use crate::attribute::rest::goes_with;
+use crate::attribute::rest::{GoesWith, goes_with};
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
@@ -207,25 +207,38 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
     Ok(())
 }
 
-/// What a rest goes with, if it clearly goes with something.
+/// What a rest goes with, if it clearly goes with something, and what else it goes with nearly as well.
 fn add_rest(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) -> Result<()> {
     /// Share of its square from which something is worth naming.
     const CLEARLY: f64 = 0.4;
+    /// From this share of the largest on, two cannot be told apart.
+    const NEARLY: f64 = 0.85;
     if !first.has_rest {
         return Ok(());
     }
-    if let Some(most) = goes_with(problem, first)?.first().filter(|most| most.share >= CLEARLY) {
+    let all = goes_with(problem, first)?;
+    if let Some(most) = all.first().filter(|most| most.share >= CLEARLY) {
         let name = &problem.observables[most.observable];
-        verdicts.add(
-            "rest-goes-with",
-            &most.what,
-            format!(
-                "what is left of {name} goes with {} ({} % of it), as {} would",
-                most.what,
-                percent(most.share),
-                most.like
-            ),
+        let mut text = format!(
+            "what is left of {name} goes with {} ({} % of it), as {} would",
+            most.what,
+            percent(most.share),
+            most.like
         );
+        let is_near = |other: &&GoesWith| {
+            other.observable == most.observable
+                && other.share > NEARLY * most.share
+                && other.like != most.like
+        };
+        for other in all[1..].iter().filter(is_near) {
+            text += &format!(
+                "; and nearly as well with {} ({} %), as {} would",
+                other.what,
+                percent(other.share),
+                other.like
+            );
+        }
+        verdicts.add("rest-goes-with", &most.what, text);
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
 use std::fmt;
+use std::path::Path;
 
-use gl_table::text;
+use anyhow::Result;
+use gl_table::{Table, text};
 use serde::{Deserialize, Serialize};
 
 /// Why a run cannot be used.
@@ -83,7 +85,7 @@ pub struct RunStatus {
 
 impl RunStatus {
     /// The status of a sample whose run was read.
-    pub fn new(sample: &str, status: &Result<(), Failure>) -> Self {
+    pub fn new(sample: &str, status: &std::result::Result<(), Failure>) -> Self {
         let (status, detail) = match status {
             Ok(()) => ("ok", "-"),
             Err(failure) => (failure.reason(), failure.detail()),
@@ -94,5 +96,15 @@ impl RunStatus {
     /// Whether the run can be used.
     pub fn is_ok(&self) -> bool {
         self.status == "ok"
+    }
+
+    /// The rows of a status table whose runs cannot be used.
+    ///
+    /// # Errors
+    /// If it cannot be read or is no such table.
+    pub fn failed(path: &Path) -> Result<Vec<Self>> {
+        let mut rows: Vec<Self> = Table::read(path)?.rows()?;
+        rows.retain(|row| !row.is_ok());
+        Ok(rows)
     }
 }
