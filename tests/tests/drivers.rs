@@ -164,6 +164,51 @@ fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
 }
 
 #[test]
+fn two_spheres_in_lammps_go_as_in_the_embedded_simulator() {
+    if !require("lmp") {
+        return;
+    }
+    let folder = Folder::default();
+    let script = root().canonicalize().unwrap().join("examples/contact-effects/lammps/contact.in");
+    for (work, name) in [("0", "base"), ("4", "adhesive")] {
+        let values = [
+            ("form", "own"),
+            ("E_m", "9.2"),
+            ("nu", "0.3"),
+            ("mu", "0.45"),
+            ("w", work),
+            ("tau", "0"),
+            ("slip", "1"),
+            ("rho", "2650"),
+            ("name", name),
+        ];
+        let mut lammps = Command::new("lmp");
+        lammps.arg("-in").arg(&script).args(["-log", "none", "-screen", "none"]);
+        for (name, value) in values {
+            lammps.args(["-var", name, value]);
+        }
+        lammps.env("OMPI_MCA_ess_singleton_isolated", "1").current_dir(folder.path(""));
+        finish(&mut lammps);
+        folder.run(&format!(
+            "gl-contact --programme cycles --curve E_m=9.2,nu=0.3,mu=0.45,w={work} -o {name}.txt"
+        ));
+        // The tangential force within what the steps of integration leave. In LAMMPS spheres without an overlap do not
+        // touch yet.
+        for (observable, tolerance) in [("f", 1e-9), ("t", 1e-3)] {
+            let found = folder.column(&format!("{name}_sim.txt"), observable);
+            let expected = folder.column(&format!("{name}.txt"), observable);
+            assert_eq!(found.len(), expected.len());
+            for (step, (found, expected)) in found.iter().zip(&expected).enumerate().skip(1) {
+                assert!(
+                    (found - expected).abs() < tolerance,
+                    "{name} {observable} {step}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn each_call_is_noted_as_it_is_typed() {
     let folder = Folder::default();
     copy_case(&folder, "collision", &SMALL);
@@ -506,6 +551,10 @@ fn an_installed_tree_works_in_an_empty_folder() {
     let small = ["num=20", "iterations=2", "design_num=60"];
     assert!(call("gl-calibrate", &["mine", small[0], small[1]]).starts_with("iteration 0: 20 runs"));
     call("gl-diagnose", &[&["mine"], &small[..]].concat());
+    let page = folder.path("empty/out/mine-diagnosis/report.html");
+    fs::remove_file(&page).unwrap();
+    call("gl-report", &["mine"]);
+    assert!(page.exists());
     assert_eq!(folder.read("empty/out/mine-diagnosis/winner.txt"), "adhesion\n");
     assert!(folder.path("empty/out/mine/posterior.txt").exists());
 }

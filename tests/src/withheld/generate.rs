@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_inference::observations::range;
+use gl_inference::prior::Effect;
 use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;
@@ -213,73 +214,30 @@ fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Res
 fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(stream + 1 + 1_000_000 * time);
-    let Kept { family, simulated, measured, is_withheld } = match condition {
+    let kept = match condition {
         Condition::AsStated if bench.has_rig => kept(stream),
         Condition::AsStated => kept(WITHOUT_RIG[stream as usize % WITHOUT_RIG.len()]),
         _ => kept_under_a_condition(stream),
     };
-    let parameters = bench.prior.parameters();
-    let mut effects = bench.effects();
-    if family == Family::Rig {
-        effects.retain(|effect| !bench.of_the_rig.contains(&effect.name.as_str()));
-    }
-    let mut chosen = sample(&mut random, effects.len(), simulated).into_vec();
-    chosen.sort_unstable();
-    let mut values = bench.prior.with_effects_off();
-    let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
-    for j in bench.prior.base().into_iter().chain(on) {
-        values[j] = parameters[j].quantile(random.random());
-    }
-    if condition == Condition::Outside {
-        move_out(bench, &mut values, &mut random);
-    }
-    if condition == Condition::Beyond {
-        let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
-        on.for_each(|j| values[j] = 1.6 * parameters[j].upper * values[j].signum());
-    }
-    let control = bench.path();
-    let mut simulated = bench.simulate(&values)?;
-    if condition == Condition::OtherForm {
-        let mut off = values.clone();
-        let on = chosen.iter().flat_map(|&e| effects[e].parameters.clone());
-        on.for_each(|j| off[j] = parameters[j].off.unwrap_or(0.0));
-        for (curve, base) in simulated.iter_mut().zip(bench.simulate(&off)?) {
-            let added: Vec<f64> = curve.iter().zip(&base).map(|(y, base)| y - base).collect();
-            let added = condition.another_form(&added, &control, &mut random);
-            *curve = base.iter().zip(added).map(|(base, added)| base + added).collect();
-        }
-    }
-    let faults = Faults::draw(bench, &simulated, measured, &mut random);
+    let family = kept.family;
+    let world = Truth::draw(bench, condition, &kept, &mut random);
+    let simulated = world.simulate(condition, &mut random)?;
+    let faults = Faults::draw(bench, &simulated, kept.measured, &mut random);
     let truth = faults.applied(bench, &simulated);
     let share = NOISES[random.random_range(0..NOISES.len())];
     let noise: Vec<f64> = truth.iter().map(|curve| share * range(curve)).collect();
-    let factor =
-        if family == Family::Scatter { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
-    let mut noisy =
-        if family == Family::Scatter { bench.scattered(&truth, &factor, &mut random) } else { truth.clone() };
+    let is_scattered = family == Family::Scatter;
+    let factor = if is_scattered { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
+    let mut noisy = if is_scattered { bench.scattered(&truth, &factor, &mut random) } else { truth.clone() };
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
-        let remainder = condition.remainder(&control, *sd, &mut random);
-        let noise = condition.noise(*sd, control.len(), &mut random);
+        let remainder = condition.remainder(&bench.path(), *sd, &mut random);
+        let noise = condition.noise(*sd, curve.len(), &mut random);
         for ((y, noise), remainder) in curve.iter_mut().zip(noise).zip(remainder) {
             *y += noise + remainder;
         }
     }
-    let without = |left_out: &[usize]| {
-        let mut start = values.clone();
-        let mut free = bench.prior.base();
-        for &e in &chosen {
-            for &j in &effects[e].parameters {
-                if left_out.contains(&e) {
-                    start[j] = parameters[j].off.unwrap_or(0.0);
-                } else {
-                    free.push(j);
-                }
-            }
-        }
-        (start, free)
-    };
     // Noise and scatter together, as the unit of what is visible.
-    let scatter = if family == Family::Scatter { SCATTER } else { 0.0 };
+    let scatter = if is_scattered { SCATTER } else { 0.0 };
     // And what else is in the measurement: an effect that is less than it cannot be told from it.
     let rest = match condition {
         Condition::Remainder(times) => times * share,
@@ -287,33 +245,102 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     };
     let all = scatter.hypot(share).hypot(rest);
     let spread: Vec<f64> = noise.iter().map(|sd| sd * all / share).collect();
-    let visibility = |left_out: &[usize]| -> Result<f64> {
-        let (start, free) = without(left_out);
-        Ok(fit(bench, &start, &free, &truth, &spread)?.rms)
-    };
-    let (start, free) = without(&chosen);
-    let before = fit(bench, &start, &free, &noisy, &noise)?;
+    let chosen: Vec<usize> = (0..world.effects.len()).collect();
+    let before = world.fit(&chosen, &noisy, &noise)?;
     // What the measurement does is put right before the world is calibrated again.
     let right = faults.taken_out(bench, &noisy, &simulated);
-    let after = fit(bench, &values, &without(&[]).1, &right, &noise)?;
+    let after = world.fit(&[], &right, &noise)?;
     let above = |fit: &Fit, seen: &[Vec<f64>]| -> Result<f64> {
         Ok((gap(&fit.curves, seen, &noisy) - floor(fit, &noise, &noisy, &factor)?).max(0.0))
     };
     let (gap_before, gap_after) = (above(&before, &noisy)?, above(&after, &right)?);
+    let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
     let seen = visibility(&chosen)?;
     let least = chosen.iter().map(|&e| visibility(&[e])).collect::<Result<Vec<_>>>()?;
-    let names = chosen.iter().map(|&e| effects[e].name.clone());
+    let names = world.effects.iter().map(|effect| effect.name.clone());
     Ok(Case {
         family,
         noise,
         effects: names.chain(faults.list.iter().map(|(fault, _)| fault.name.clone())).collect(),
-        withheld: is_withheld.then(|| effects[chosen[0]].name.clone()),
+        withheld: kept.is_withheld.then(|| world.effects[0].name.clone()),
         visibility: seen,
         least: least.into_iter().fold(f64::INFINITY, f64::min).min(1e9),
         shrink: if gap_before > 0.0 { 1.0 - gap_after / gap_before } else { 0.0 },
-        values,
+        values: world.values,
         noisy,
     })
+}
+
+/// A world at the values that are true.
+struct Truth<'a> {
+    bench: &'a Bench,
+    /// Effects of the simulation that are in, in the order of the candidates.
+    effects: Vec<Effect>,
+    /// Shape (parameters,).
+    values: Vec<f64>,
+}
+
+impl<'a> Truth<'a> {
+    fn draw(bench: &'a Bench, condition: Condition, kept: &Kept, random: &mut ChaCha8Rng) -> Self {
+        let parameters = bench.prior.parameters();
+        let mut effects = bench.effects();
+        if kept.family == Family::Rig {
+            effects.retain(|effect| !bench.of_the_rig.contains(&effect.name.as_str()));
+        }
+        let mut chosen = sample(random, effects.len(), kept.simulated).into_vec();
+        chosen.sort_unstable();
+        let effects: Vec<Effect> = chosen.into_iter().map(|e| effects[e].clone()).collect();
+        let on = || effects.iter().flat_map(|effect| effect.parameters.clone());
+        let mut values = bench.prior.with_effects_off();
+        for j in bench.prior.base().into_iter().chain(on()) {
+            values[j] = parameters[j].quantile(random.random());
+        }
+        if condition == Condition::Outside {
+            move_out(bench, &mut values, random);
+        }
+        if condition == Condition::Beyond {
+            on().for_each(|j| values[j] = 1.6 * parameters[j].upper * values[j].signum());
+        }
+        Self { bench, effects, values }
+    }
+
+    /// Curves, shape (observables, steps).
+    fn simulate(&self, condition: Condition, random: &mut ChaCha8Rng) -> Result<Vec<Vec<f64>>> {
+        let mut simulated = self.bench.simulate(&self.values)?;
+        if condition == Condition::OtherForm {
+            let all: Vec<usize> = (0..self.effects.len()).collect();
+            let off = self.without(&all).0;
+            let control = self.bench.path();
+            for (curve, base) in simulated.iter_mut().zip(self.bench.simulate(&off)?) {
+                let added: Vec<f64> = curve.iter().zip(&base).map(|(y, base)| y - base).collect();
+                let added = condition.another_form(&added, &control, random);
+                *curve = base.iter().zip(added).map(|(base, added)| base + added).collect();
+            }
+        }
+        Ok(simulated)
+    }
+
+    /// The values with some of the effects off, and the parameters that are then free: those of the base and of the others.
+    fn without(&self, left_out: &[usize]) -> (Vec<f64>, Vec<usize>) {
+        let mut values = self.values.clone();
+        let mut free = self.bench.prior.base();
+        for (e, effect) in self.effects.iter().enumerate() {
+            for &j in &effect.parameters {
+                if left_out.contains(&e) {
+                    values[j] = self.bench.prior.parameters()[j].off.unwrap_or(0.0);
+                } else {
+                    free.push(j);
+                }
+            }
+        }
+        (values, free)
+    }
+
+    /// The fit to a target, with a noise of each observable, once some of the effects are off.
+    fn fit(&self, left_out: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
+        let (start, free) = self.without(left_out);
+        fit(self.bench, &start, &free, target, noise)
+    }
 }
 
 /// Mean square of (measured − curve) / range of the noisy measurement.
