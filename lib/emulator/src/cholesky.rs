@@ -126,7 +126,7 @@ pub fn lower_times(lower: &Square, x: &[f64]) -> Vec<f64> {
 
 #[with_simd(triangle_times = Arch::new())]
 #[inline(always)]
-fn triangle_times_wide<'a, S: Simd>(_width: S, lower: &'a Square, x: &'a [f64]) -> Vec<f64> {
+fn triangle_times_wide<S: Simd>(_width: S, lower: &Square, x: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; x.len()];
     for (i, value) in product.iter_mut().enumerate() {
         *value = dot(&lower.row(i)[..=i], &x[..=i]);
@@ -136,7 +136,7 @@ fn triangle_times_wide<'a, S: Simd>(_width: S, lower: &'a Square, x: &'a [f64]) 
 
 #[with_simd(times_transpose = Arch::new())]
 #[inline(always)]
-fn times_transpose_wide<'a, S: Simd>(_width: S, upper: &'a Square) -> Square {
+fn times_transpose_wide<S: Simd>(_width: S, upper: &Square) -> Square {
     let n = upper.n();
     let mut product = Square::zeros(n);
     for i in 0..n {
@@ -153,7 +153,7 @@ fn times_transpose_wide<'a, S: Simd>(_width: S, upper: &'a Square) -> Square {
 
 #[with_simd(upper_inverse = Arch::new())]
 #[inline(always)]
-fn upper_inverse_wide<'a, S: Simd>(_width: S, lower: &'a Square) -> Square {
+fn upper_inverse_wide<S: Simd>(_width: S, lower: &Square) -> Square {
     let n = lower.n();
     let mut upper = Square::zeros(n);
     for i in 0..n {
@@ -171,7 +171,7 @@ fn upper_inverse_wide<'a, S: Simd>(_width: S, lower: &'a Square) -> Square {
 /// Rows are made four at a time, so that the rows before are read once for all of them.
 #[with_simd(factor = Arch::new())]
 #[inline(always)]
-fn factor_wide<'a, S: Simd>(_width: S, a: &'a Square, jitter: f64) -> Option<Square> {
+fn factor_wide<S: Simd>(_width: S, a: &Square, jitter: f64) -> Option<Square> {
     let n = a.n();
     let mut lower = Square::zeros(n);
     for i in 0..n {

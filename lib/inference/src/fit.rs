@@ -56,9 +56,19 @@ pub fn of_misfit(square: f64, freedom: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::NAN, |chi| chi.sf(square.max(0.0)))
 }
 
+/// A probability as it is said in a sentence: one that is zero by rounding is not.
+pub fn said(p: f64) -> String {
+    if p < 1e-300 { "less than 1e-300".to_owned() } else { format!("{p:.1e}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_probability_is_said_to_be_zero() {
+        assert_eq!((said(0.0).as_str(), said(0.00123).as_str()), ("less than 1e-300", "1.2e-3"));
+    }
 
     /// Noise of variance 1, the same on every machine.
     fn noise(seed: usize, n: usize) -> Vec<f64> {

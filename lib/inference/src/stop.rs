@@ -5,7 +5,7 @@ use gl_table::verdict::Verdicts;
 use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
 
-use crate::fit::of_misfit;
+use crate::fit::{of_misfit, said};
 use crate::summary::Summary;
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -305,7 +305,8 @@ fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
     let Some((value, degrees, p)) = test else { return };
     let on = format!("χ² {value:.0} on {degrees:.0} degrees of freedom");
     if p < UNLIKELY {
-        let text = format!("the fit is bad: {on}, which noise alone exceeds with a probability of {p:.1e}");
+        let text =
+            format!("the fit is bad: {on}, which noise alone exceeds with a probability of {}", said(p));
         verdicts.add("bad-fit", value / degrees, text);
     } else if 1.0 - p < UNLIKELY {
         let text =

@@ -1,6 +1,7 @@
 //! What a posterior through an emulator says: in numbers, in conclusions, and by the weights of real runs.
 
 use anyhow::Result;
+use gl_inference::fit::said;
 use gl_inference::samples::Samples;
 use gl_inference::summary::{ParameterSummary, Summary, leaning};
 use gl_inference::weights::Weights;
@@ -246,7 +247,8 @@ impl Inference {
                 format!("{factor:.3}"),
                 format!(
                     "the best fit is worse than the noise allows (χ² {value:.0} on {degrees:.0} degrees of freedom, \
-                     p = {p:.1e}); {what}"
+                     probability {}); {what}",
+                    said(p)
                 ),
             );
         }
@@ -256,8 +258,8 @@ impl Inference {
                 format!("{:.3}", (value / degrees).sqrt()),
                 format!(
                     "the best fit is better than the noise explains (χ² {value:.0} on {degrees:.0} degrees of freedom, \
-                     p = {:.1e}); is the noise smaller than stated?",
-                    1.0 - p
+                     probability {}); is the noise smaller than stated?",
+                    said(1.0 - p)
                 ),
             );
         }

@@ -324,6 +324,8 @@ fn rule_out(explanations: &mut [Explanation]) {
         of.probability -= taken;
         explanations[unexplained].probability += taken;
     }
+    // A sum of shares is one by rounding only.
+    explanations.iter_mut().for_each(|of| of.probability = of.probability.min(1.0));
 }
 
 #[cfg(test)]
