@@ -90,7 +90,7 @@ fn bash_completes_the_flags_of_a_subcommand() {
         $(complete -p gl-plot | sed 's/.*-F \\([^ ]*\\).*/\\1/') gl-plot --obs fit
         echo \"${COMPREPLY[@]}\"";
     let output = Command::new("bash").args(["-c", script]).env("PATH", path_with_tools()).output().unwrap();
-    assert_eq!(String::from_utf8_lossy(&output.stdout), "--observations --observables\n");
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "--observables --observations\n");
 }
 
 #[test]
