@@ -46,7 +46,7 @@ END
 with_tests() {
     sed -i 's/{a} {b}"/{a} {b} {t}"/' case/case.toml
     printf '\n[[test]]\nname = "%s"\nobs = "obs.txt"\ngiven = { t = %d }\n' one 1 two 2 >>case/case.toml
-    # shellcheck disable=SC2016
+    # shellcheck disable=SC2016  # of the model
     sed -i 's/echo "\$1"/echo "$1-$5"/; s/^case \$2 in/case $2-$5 in/; s/^    \([12]\))/    \1-1)/; s/^    \([34]\))/    \1-2)/' case/model
 }
 
