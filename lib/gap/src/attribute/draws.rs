@@ -4,7 +4,6 @@ use crate::attribute::attribution::Explanation;
 use crate::attribute::hypothesis::name;
 use crate::attribute::problem::Problem;
 use crate::residual::systematic;
-use gl_inference::prior::normal_cdf;
 
 /// A set of effects, and what is known of the parameters where it is the cause.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,22 +35,16 @@ pub fn draws(problem: &Problem<'_>, explanations: &[Explanation], least: f64, co
     }
     all.retain(|(_, probability)| *probability >= least);
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let drawn = |(of, probability): (&Explanation, f64)| Drawn {
-        name: name(&of.hypothesis, &problem.candidates),
-        probability,
-        draws: systematic(&of.evidence.weights, count).into_iter().map(|i| values(problem, of, i)).collect(),
+    let drawn = |(of, probability): (&Explanation, f64)| {
+        let model = of.model(problem);
+        let chosen = systematic(&of.evidence.weights, count).into_iter();
+        Drawn {
+            name: name(&of.hypothesis, &problem.candidates),
+            probability,
+            draws: chosen.map(|i| model.values(&of.evidence.samples[i])).collect(),
+        }
     };
     all.into_iter().map(drawn).collect()
-}
-
-/// Values of all parameters at a sample of a posterior.
-fn values(problem: &Problem<'_>, of: &Explanation, sample: usize) -> Vec<f64> {
-    let model = of.model(problem);
-    let mut values = problem.prior.with_effects_off();
-    for (&j, &w) in model.simulated_parameters().iter().zip(&of.evidence.samples[sample]) {
-        values[j] = problem.prior.parameters()[j].quantile(normal_cdf(w));
-    }
-    values
 }
 
 #[cfg(test)]
@@ -59,6 +52,7 @@ mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
     use crate::attribute::synthetic_world::{STEPS, Straight};
+    use gl_inference::prior::Prior;
 
     #[test]
     fn the_draws_of_the_truth_lie_about_it_and_effects_that_are_not_in_are_off() {
@@ -85,5 +79,28 @@ mod tests {
                 assert!(none.draws.iter().all(|draw| draw[j] == off[j]));
             }
         }
+    }
+
+    #[test]
+    fn where_bounds_are_wider_than_was_believed_the_draws_lie_about_the_truth_too() {
+        let predictor = Straight::new();
+        // A normal prior has no bounds that were believed.
+        let mut uniform: Vec<_> = Straight::prior().parameters().to_vec();
+        uniform[0].normal = None;
+        let prior = Prior::new(uniform.clone());
+        let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let mut believed = uniform;
+        let width = believed[0].upper - believed[0].lower;
+        (believed[0].lower, believed[0].upper) =
+            (believed[0].lower + 0.3 * width, believed[0].upper - 0.1 * width);
+        let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
+            .unwrap()
+            .believing(&Prior::new(believed));
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let drawn = draws(&problem, &explanations, 0.0, 100);
+        assert_eq!(drawn[0].name, "wave");
+        let mean = drawn[0].draws.iter().map(|draw| draw[0]).sum::<f64>() / 100.0;
+        assert!((mean - 1.3).abs() < 0.03, "{mean}");
     }
 }

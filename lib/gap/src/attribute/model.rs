@@ -212,6 +212,16 @@ impl<'a> Model<'a> {
         point
     }
 
+    /// Values of all parameters of the simulation, shape (parameters of the prior,).
+    pub fn values(&self, w: &[f64]) -> Vec<f64> {
+        let mut values = self.problem.prior.with_effects_off();
+        let point = self.point(w);
+        for &j in &self.free {
+            values[j] = self.problem.prior.parameters()[j].at_coordinate(point[j]);
+        }
+        values
+    }
+
     /// What the simulation and the measurement make of the parameters.
     pub fn curve(&self, w: &[f64]) -> Curve {
         let Prediction { mean, variance } = self.problem.predictor.predict(&self.point(w));
