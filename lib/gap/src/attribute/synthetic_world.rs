@@ -46,6 +46,16 @@ impl Straight {
         ])
     }
 
+    /// The same, a between -3 and 5 (a normal prior has no bounds that were believed), and where it was believed
+    /// to be: between `low` and `high`.
+    pub fn beyond(low: f64, high: f64) -> (Prior, Prior) {
+        let mut wide = Self::prior().parameters().to_vec();
+        wide[0].normal = None;
+        let mut believed = wide.clone();
+        (believed[0].lower, believed[0].upper) = (low, high);
+        (Prior::new(wide), Prior::new(believed))
+    }
+
     pub fn curve(a: f64, b: f64, c: f64) -> Vec<f64> {
         (0..STEPS).map(|t| a + b * x(t) + c * (6.0 * x(t)).sin()).collect()
     }
