@@ -65,10 +65,7 @@ mod tests {
     fn a_parameter_beyond_what_was_believed_is_where_the_truth_is() {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(0.5, 1.1);
-        // Errors of the size of the noise, none of them chance.
-        let errors = (0..STEPS).map(|t| 0.01 * (((7 * t) % 13) as f64 - 6.0) / 3.74);
-        let curve = Straight::curve(1.3, 0.6, 0.8).into_iter().zip(errors).map(|(y, error)| y + error);
-        let observations = Straight::observations(curve.collect());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
         let noise = Some(vec![vec![0.01; STEPS]]);
         let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
             .unwrap()
