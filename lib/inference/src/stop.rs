@@ -120,6 +120,10 @@ const IGNORANCE: f64 = 0.5;
 /// and it and their price together are least where it is in proportion to n.
 const SCATTERED_IGNORANCE: (f64, f64) = (0.35, 25.0);
 
+/// Where runs scatter and there are so many of them a parameter, it is enough that what is not known makes the standard
+/// deviations no wider than so: a share of them would be left without it.
+const KNOWN: (f64, f64) = (0.92, 40.0);
+
 /// Error of the emulator on runs left out, in standard deviations of the noise, from which they do.
 const SCATTERS: f64 = 0.3;
 
@@ -169,9 +173,10 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     let z = summary.proof_z.unwrap_or(f64::INFINITY);
     let is_chance = summary.proof_p.is_some_and(|p| p >= CHANCE);
     let scatters = summary.rmse.is_some_and(|rmse| rmse > SCATTERS);
-    let ignorance = if scatters { scattered_ignorance(summary) } else { IGNORANCE };
+    let tolerance = if scatters { scattered_ignorance(summary) } else { IGNORANCE };
+    let ignorance = summary.ignorance.unwrap_or(f64::INFINITY);
     let mut parts = vec![
-        below("ignorance", summary.ignorance.unwrap_or(f64::INFINITY), ignorance),
+        part("ignorance", ignorance, tolerance, ignorance <= tolerance || scatters && is_known(summary)),
         below("shift", shift, SHIFT),
         below("spread", spread, SPREAD),
         part("proof", z, PROOF, z <= PROOF || is_chance),
@@ -184,10 +189,19 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
     parts
 }
 
+fn runs_a_parameter(summary: &Summary) -> f64 {
+    summary.runs.unwrap_or(0.0) / summary.varied().count().max(1) as f64
+}
+
 fn scattered_ignorance(summary: &Summary) -> f64 {
     let (least, runs) = SCATTERED_IGNORANCE;
-    let times = summary.runs.unwrap_or(0.0) / (runs * summary.varied().count().max(1) as f64);
-    least * times.max(1.0).sqrt()
+    least * (runs_a_parameter(summary) / runs).max(1.0).sqrt()
+}
+
+/// Whether what tens of further runs could take from the standard deviations is little.
+fn is_known(summary: &Summary) -> bool {
+    let (share, runs) = KNOWN;
+    runs_a_parameter(summary) >= runs && summary.known_sd.is_some_and(|known| known >= share)
 }
 
 /// Share of its value before, below which an estimated noise is still falling.
@@ -366,6 +380,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+    use crate::summary::ParameterSummary;
 
     #[test]
     fn sigma_need_not_fall_below_what_the_best_run_leaves_once_that_has_come_to_rest() {
@@ -385,5 +400,31 @@ mod tests {
         assert!(!is_met(summary(11.0, 1000.0), before(1050.0)), "sharper weights would still tell more");
         assert!(!is_met(summary(9.0, 1000.0), before(1200.0)), "the best run still gets better");
         assert!(!is_met(summary(9.0, 1000.0), Previous::First));
+    }
+
+    #[test]
+    fn where_runs_scatter_many_of_them_need_only_leave_the_widths_nearly_known() {
+        let is_met = |runs: f64, known: f64, rmse: f64| {
+            let parameter = |name: &str| ParameterSummary {
+                name: name.into(),
+                mean: Some(0.0),
+                shrinkage: Some(0.5),
+                sd: Some(1.0),
+                ..ParameterSummary::default()
+            };
+            let summary = Summary {
+                runs: Some(runs),
+                ignorance: Some(0.7),
+                known_sd: Some(known),
+                rmse: Some(rmse),
+                parameters: vec![parameter("a"), parameter("b")],
+                ..Summary::default()
+            };
+            settled(&summary, &Previous::NotAsked).iter().find(|of| of.name == "ignorance").unwrap().is_met
+        };
+        assert!(is_met(80.0, 0.93, 0.8));
+        assert!(!is_met(78.0, 0.93, 0.8), "few runs may bring much yet");
+        assert!(!is_met(80.0, 0.91, 0.8), "what is not known widens the posterior");
+        assert!(!is_met(80.0, 0.93, 0.1), "they do not scatter");
     }
 }

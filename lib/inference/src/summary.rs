@@ -89,6 +89,8 @@ quantities! {
     draws,
     /// Standard deviation of ln likelihood by what the emulator does not know.
     ignorance,
+    /// What would be left of a standard deviation if the emulator were exact, as a share of it: the smallest of all parameters.
+    known_sd,
     /// Error of the emulator on runs near the posterior, each left out, in standard deviations of the noise.
     rmse,
     /// What the emulator's variance was multiplied by.

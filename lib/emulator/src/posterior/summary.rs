@@ -196,6 +196,7 @@ impl Inference {
         Summary {
             draws: Some(self.points.len() as f64),
             ignorance: Some(self.ignorance),
+            known_sd: Some(self.ratio_if_known),
             rmse: Some(self.surrogate.rmse),
             calibration: Some(self.surrogate.calibration),
             scatter: Some(self.noise.iter().map(|noise| noise.scatter).sum::<f64>() / n),
