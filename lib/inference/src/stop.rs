@@ -122,7 +122,7 @@ const SCATTERED_IGNORANCE: (f64, f64) = (0.35, 25.0);
 
 /// Where runs scatter and there are so many of them a parameter, it is enough that what is not known makes the standard
 /// deviations no wider than so: a share of them would be left without it.
-const KNOWN: (f64, f64) = (0.92, 40.0);
+const KNOWN: (f64, f64) = (0.85, 40.0);
 
 /// Error of the emulator on runs left out, in standard deviations of the noise, from which they do.
 const SCATTERS: f64 = 0.3;
@@ -422,9 +422,9 @@ mod tests {
             };
             settled(&summary, &Previous::NotAsked).iter().find(|of| of.name == "ignorance").unwrap().is_met
         };
-        assert!(is_met(80.0, 0.93, 0.8));
-        assert!(!is_met(78.0, 0.93, 0.8), "few runs may bring much yet");
-        assert!(!is_met(80.0, 0.91, 0.8), "what is not known widens the posterior");
-        assert!(!is_met(80.0, 0.93, 0.1), "they do not scatter");
+        assert!(is_met(80.0, 0.86, 0.8));
+        assert!(!is_met(78.0, 0.86, 0.8), "few runs may bring much yet");
+        assert!(!is_met(80.0, 0.84, 0.8), "what is not known widens the posterior");
+        assert!(!is_met(80.0, 0.86, 0.1), "they do not scatter");
     }
 }
