@@ -438,7 +438,7 @@ the_measurements_are_what_their_scripts_make() {
     cp -r "$ROOT/examples" .
     local name
     needs python3 python3
-    for name in linear hyperbola oscillator triaxial-tests triaxial-element-tests; do
+    for name in linear hyperbola oscillator norsand triaxial-tests triaxial-element-tests; do
         find "examples/$name" -name '*.txt' ! -name params.txt -delete
         "examples/$name/make-obs"
         diff -r "examples/$name" "$ROOT/examples/$name"
