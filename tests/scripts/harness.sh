@@ -51,17 +51,18 @@ with_slurm() {
 }
 
 facts() {
-    local name folder status failed=0
+    local name folder status start failed=0
     for name in $(declare -F | awk '{ print $3 }' | grep -vxFf <(awk '{ print $3 }' <<<"$before")); do
         case $name in needs | ends_with | says | same | absent | facts | with_* | is_* | cleanup) continue ;; esac
         [[ -z ${1-} || $name == *$1* ]] || continue
         folder=$(mktemp -d)
-        status=0
+        status=0 start=$SECONDS
         # Not under `if` or `||`, which would switch off -e within.
         (cd "$folder" && set -eu && "$name") >"$folder.log" 2>&1 &
         wait $! || status=$?
         case $status in
-            0) echo "ok $name" ;;
+            # What is slow says how slow.
+            0) echo "ok $name$([ $((SECONDS - start)) -lt 5 ] || echo ", $((SECONDS - start)) s")" ;;
             77) echo "skip $name: $(cat "$folder/reason")" ;;
             *)
                 echo "FAIL $name"

@@ -221,6 +221,14 @@ impl Inference {
     /// What a user should know before trusting the numbers.
     pub fn verdicts(&self, options: Options) -> Verdicts {
         let mut verdicts = Verdicts::default();
+        self.say_of_correlation(options, &mut verdicts);
+        self.say_of_noise(&mut verdicts);
+        self.say_of_emulator(&mut verdicts);
+        self.say_of_bounds(&mut verdicts);
+        verdicts
+    }
+
+    fn say_of_correlation(&self, options: Options, verdicts: &mut Verdicts) {
         let counted = if options.noise_as_stated { "it is taken as stated" } else { "this is counted with" };
         for (name, correlation) in self.correlations() {
             verdicts.add(
@@ -235,6 +243,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_noise(&self, verdicts: &mut Verdicts) {
         if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_worse()) {
             let factor = self.variance().sqrt();
             let what = if self.nuisances.inflation {
@@ -263,6 +274,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_emulator(&self, verdicts: &mut Verdicts) {
         if self.is_unfit() {
             verdicts.add(
                 "emulator-unfit",
@@ -284,6 +298,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_bounds(&self, verdicts: &mut Verdicts) {
         for (j, name) in self.space.prior().names().iter().enumerate() {
             if !self.space.varied().contains(&j) {
                 continue;
@@ -301,7 +318,6 @@ impl Inference {
                 );
             }
         }
-        verdicts
     }
 
     /// The observables whose residuals are correlated, with the correlation that is counted with.
