@@ -55,7 +55,7 @@ fn measurement(truth: &[f64], rng: &mut ChaCha8Rng) -> Observations {
 }
 
 impl Setting {
-    fn comparison(self, observations: &Observations) -> Comparison {
+    fn comparison(self, observations: &Observations) -> Comparison<'_> {
         let covariance = if self.is_noise_known {
             Covariance::of_noise(&[vec![NOISE; STEPS]])
         } else {
@@ -108,7 +108,8 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let prior = prior();
     let truth: Vec<f64> = prior.parameters().iter().map(|p| p.quantile(rng.random())).collect();
-    let comparison = setting.comparison(&measurement(&truth, &mut rng));
+    let observations = measurement(&truth, &mut rng);
+    let comparison = setting.comparison(&observations);
     let mut samples = Samples { parameters: prior.names(), ..Samples::default() };
     let (mut counts, mut proposals): (Vec<usize>, Vec<Option<Proposal>>) = (Vec::new(), Vec::new());
     let mut values = draw(&prior, &Effects::None, Method::Halton, setting.samples, seed, true).unwrap();
