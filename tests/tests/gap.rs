@@ -195,8 +195,9 @@ fn half_of_the_effect_closes_three_quarters_of_the_squared_gap() {
     assert!(full[3] > 0.97 && full[4] > 0.9 && full[5] == 1.0, "{full:?}");
     let (unseen, _) = shrink("half.tsv", " --steps 25:40");
     assert!((unseen[3] - 0.75).abs() < 0.1 && unseen[0] > half[0], "{unseen:?}");
-    let (others, _) = shrink("half.tsv", " --calibrated 0:25");
+    let (others, said) = shrink("half.tsv", " --calibrated 0:25");
     assert_eq!(others, unseen);
+    assert!(said.contains("On the steps that the calibrations did not see the gap closes by 7"), "{said}");
     let (both_ends, _) = shrink("half.tsv", " --calibrated 10:30");
     assert!((both_ends[3] - 0.75).abs() < 0.1, "{both_ends:?}");
     let (none, said) = shrink("half.tsv", " --steps 0:20");

@@ -1,6 +1,7 @@
 //! The best that a world without an effect can do: least squares on the world itself.
 
 use anyhow::{Context, Result};
+use gl_inference::prior::Parameter;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::bench::Bench;
@@ -18,13 +19,18 @@ pub struct Fit {
     pub rms: f64,
 }
 
-/// Fit the parameters at positions `free`, within their bounds, the others as in `start`, to a target
+/// Fit the parameters at positions `free`, within these bounds, the others as in `start`, to a target
 /// with a noise of each observable. Levenberg–Marquardt from a few places.
 ///
 /// # Errors
 /// If the world refuses the start.
-pub fn fit(bench: &Bench, start: &[f64], free: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
-    let parameters = bench.prior.parameters();
+pub fn fit(
+    bench: &Bench,
+    parameters: &[Parameter],
+    (start, free): (&[f64], &[usize]),
+    target: &[Vec<f64>],
+    noise: &[f64],
+) -> Result<Fit> {
     let mut best: Option<Fit> = None;
     for place in [None, Some(0.5)] {
         let mut z: Vec<f64> = free

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_inference::observations::range;
-use gl_inference::prior::Effect;
+use gl_inference::prior::{Effect, Parameter};
 use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;
@@ -25,6 +25,9 @@ const NOISES: [f64; 4] = [0.005, 0.01, 0.02, 0.04];
 /// Sizes of effects of the measurement, as shares of the range: of a sensor, of the control.
 const OF_A_SENSOR: (f64, f64) = (0.01, 0.1);
 const OF_THE_CONTROL: (f64, f64) = (0.005, 0.05);
+
+/// How far beyond a true value that is outside its prior a fit may go, as a share of the way to the other bound.
+const MARGIN: f64 = 0.1;
 
 /// Effects of the measurement that are candidates where any are.
 pub const KINDS: [(&str, Kind); 5] = [
@@ -278,6 +281,8 @@ struct Truth<'a> {
     effects: Vec<Effect>,
     /// Shape (parameters,).
     values: Vec<f64>,
+    /// The parameters, within bounds that hold these values too.
+    parameters: Vec<Parameter>,
 }
 
 impl<'a> Truth<'a> {
@@ -301,7 +306,17 @@ impl<'a> Truth<'a> {
         if condition == Condition::Beyond {
             on().for_each(|j| values[j] = 1.6 * parameters[j].upper * values[j].signum());
         }
-        Self { bench, effects, values }
+        let wide_enough = |(parameter, &value): (&Parameter, &f64)| {
+            let mut parameter = parameter.clone();
+            if value > parameter.upper {
+                parameter.upper = value + MARGIN * (value - parameter.lower);
+            } else if value < parameter.lower && parameter.off != Some(value) {
+                parameter.lower = value - MARGIN * (value - parameter.lower).abs();
+            }
+            parameter
+        };
+        let parameters = parameters.iter().zip(&values).map(wide_enough).collect();
+        Self { bench, effects, values, parameters }
     }
 
     /// Curves, shape (observables, steps).
@@ -339,7 +354,7 @@ impl<'a> Truth<'a> {
     /// The fit to a target, with a noise of each observable, once some of the effects are off.
     fn fit(&self, left_out: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
         let (start, free) = self.without(left_out);
-        fit(self.bench, &start, &free, target, noise)
+        fit(self.bench, &self.parameters, (&start, &free), target, noise)
     }
 }
 

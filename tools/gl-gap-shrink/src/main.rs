@@ -140,7 +140,7 @@ fn run(args: &Args) -> Result<()> {
         .collect();
     let shrinks = shrink(&compared, args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &names)?;
-    let verdicts = shrinks.last().map(verdict).unwrap_or_default();
+    let verdicts = shrinks.last().map(|all| verdict(all, args.calibrated.is_some())).unwrap_or_default();
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
 }
 

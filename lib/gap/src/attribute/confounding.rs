@@ -29,7 +29,7 @@ pub struct Difference {
 }
 
 /// The fitted curve of a hypothesis, and what its parameters can still change about it.
-struct Curve {
+pub(super) struct Curve {
     mean: DVector<f64>,
     slopes: DMatrix<f64>,
 }
@@ -82,28 +82,42 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
     (0..explanations.len()).map(near).collect()
 }
 
-fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
+pub(super) fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
     let (mean, slopes) = explanation.model(problem).gradient(explanation.best());
     Curve { mean: DVector::from_vec(mean), slopes }
 }
 
 /// What is left of the difference of two curves when the parameters of the second are moved to make it
-/// small, in standard deviations.
+/// small, in standard deviations of the measurement.
 fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve) -> Result<f64> {
+    let none = vec![0.0; problem.predictor.basis().ncols()];
+    Ok(square_distance(problem, of, (one, other), &none, 1.0)?.sqrt())
+}
+
+/// The square of it where there are so many such measurements, and the simulation's components are known to these
+/// variances.
+pub(super) fn square_distance(
+    problem: &Problem<'_>,
+    of: &Explanation,
+    (one, other): (&Curve, &Curve),
+    variance: &[f64],
+    measurements: f64,
+) -> Result<f64> {
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
     let columns = DMatrix::from_fn(one.mean.len(), 1 + other.slopes.ncols(), |i, k| {
         if k == 0 { one.mean[i] - other.mean[i] } else { other.slopes[(i, k - 1)] }
     });
-    let none = vec![0.0; problem.predictor.basis().ncols()];
-    let solved = model.with_covariance(w, &none, |covariance| covariance.solve(&columns))?;
-    let product = columns.tr_mul(&solved);
+    // (S / n + V)⁻¹ = n (S + n V)⁻¹, S of one measurement and V of the simulation.
+    let variance: Vec<f64> = variance.iter().map(|variance| measurements * variance).collect();
+    let solved = model.with_covariance(w, &variance, |covariance| covariance.solve(&columns))?;
+    let product = measurements * columns.tr_mul(&solved);
     let moved = other.slopes.ncols();
     // Moving is held back by the prior, whose unit is one.
     let inner = product.view((1, 1), (moved, moved)) + DMatrix::identity(moved, moved);
     let cross = product.view((1, 0), (moved, 1)).into_owned();
     let factor = Cholesky::new(inner).context("the slopes of the curve are not finite")?;
-    Ok((product[(0, 0)] - cross.dot(&factor.solve(&cross))).max(0.0).sqrt())
+    Ok((product[(0, 0)] - cross.dot(&factor.solve(&cross))).max(0.0))
 }
 
 /// Where the curves of two explanations differ most for their noise: the fifth of the steps of one

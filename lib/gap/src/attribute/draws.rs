@@ -52,7 +52,6 @@ mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
     use crate::attribute::synthetic_world::{STEPS, Straight};
-    use gl_inference::prior::Prior;
 
     #[test]
     fn the_draws_of_the_truth_lie_about_it_and_effects_that_are_not_in_are_off() {
@@ -84,19 +83,12 @@ mod tests {
     #[test]
     fn where_bounds_are_wider_than_was_believed_the_draws_lie_about_the_truth_too() {
         let predictor = Straight::new();
-        // A normal prior has no bounds that were believed.
-        let mut uniform: Vec<_> = Straight::prior().parameters().to_vec();
-        uniform[0].normal = None;
-        let prior = Prior::new(uniform.clone());
+        let (prior, believed) = Straight::beyond(-0.6, 4.2);
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
         let noise = Some(vec![vec![0.01; STEPS]]);
-        let mut believed = uniform;
-        let width = believed[0].upper - believed[0].lower;
-        (believed[0].lower, believed[0].upper) =
-            (believed[0].lower + 0.3 * width, believed[0].upper - 0.1 * width);
         let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
             .unwrap()
-            .believing(&Prior::new(believed));
+            .believing(&believed);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let drawn = draws(&problem, &explanations, 0.0, 100);
         assert_eq!(drawn[0].name, "wave");

@@ -3,7 +3,6 @@
 use crate::attribute::attribution::Explanation;
 use crate::attribute::model::Meaning;
 use crate::attribute::problem::Problem;
-use gl_inference::prior::normal_cdf;
 use gl_inference::summary::leaning;
 use gl_numeric::statistics::{Quantiles, mean, sd};
 
@@ -28,17 +27,20 @@ pub struct Marginal {
 pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Marginal> {
     let model = explanation.model(problem);
     let evidence = &explanation.evidence;
+    let simulated: Vec<Vec<f64>> = evidence.samples.iter().map(|sample| model.values(sample)).collect();
     let marginal = |(place, meaning): (usize, Meaning<'_>)| {
-        let scores = evidence.samples.iter().map(|sample| sample[place]);
         let (name, values, lean) = match meaning {
             Meaning::Parameter(j) => {
                 let parameter = &problem.prior.parameters()[j];
-                let values: Vec<f64> = scores.map(|w| parameter.quantile(normal_cdf(w))).collect();
+                let values: Vec<f64> = simulated.iter().map(|values| values[j]).collect();
                 let places: Vec<f64> = values.iter().map(|&value| parameter.coordinate(value)).collect();
                 let (centre, spread) = (mean(&places, &evidence.weights), sd(&places, &evidence.weights));
                 (parameter.name.clone(), values, leaning(centre, spread, (0.0, 1.0)))
             }
-            Meaning::Size(effect) => (effect.name.clone(), scores.map(|w| effect.size(w)).collect(), 0),
+            Meaning::Size(effect) => {
+                let sizes = evidence.samples.iter().map(|sample| effect.size(sample[place])).collect();
+                (effect.name.clone(), sizes, 0)
+            }
         };
         let quantiles = Quantiles::new(&values, &evidence.weights);
         Marginal {
@@ -51,4 +53,28 @@ pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Margin
         }
     };
     model.meanings().into_iter().enumerate().map(marginal).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribute::attribution::attribute;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn a_parameter_beyond_what_was_believed_is_where_the_truth_is() {
+        let predictor = Straight::new();
+        let (prior, believed) = Straight::beyond(0.5, 1.1);
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
+            .unwrap()
+            .believing(&believed);
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let wave = explanations.iter().find(|of| of.name == "wave").unwrap();
+        let a = &marginals(&problem, wave)[0];
+        assert_eq!((a.name.as_str(), a.lean), ("a", 0));
+        assert!((a.mean - 1.3).abs() < 0.02 && (0.001..0.02).contains(&a.sd), "{a:?}");
+        assert!(1.1 < a.low && a.low < a.mean && a.mean < a.high && a.high < 1.4, "{a:?}");
+    }
 }

@@ -24,7 +24,7 @@ const SIMPLER: f64 = 0.2;
 /// have misplaced it.
 const WIDER: f64 = 1.5;
 
-/// Largest normal score of a parameter: 0.6 % of the prior lie beyond on either side.
+/// Largest normal score of a run's parameter: 0.6 % of the prior lie beyond on either side.
 const FURTHEST: f64 = 2.5;
 
 /// Parameters of `count` runs that would teach an emulator most about this measurement, shape (count,
@@ -105,20 +105,21 @@ fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> 
 
 /// Draw runs from the widened posterior of one explanation.
 fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
-    let free = of.model(problem).simulated_parameters().to_vec();
+    let model = of.model(problem);
+    let free = model.simulated_parameters();
     let dimensions = free.len();
     let scores: Vec<DVector<f64>> =
         of.evidence.samples.iter().map(|w| DVector::from_column_slice(&w[..dimensions])).collect();
     let (mean, covariance) = moments(&scores, &of.evidence.weights);
     let wider = covariance * (WIDER * WIDER) + DMatrix::identity(dimensions, dimensions) * 1e-8;
     let factor = Cholesky::new(wider).context("a posterior without a covariance")?.unpack();
-    let parameters = problem.prior.parameters();
     let run = |point: &Vec<f64>| {
         let normal = DVector::from_iterator(dimensions, point.iter().map(|&u| normal_quantile(u)));
-        let w = &mean + &factor * normal;
-        let mut values = problem.prior.with_effects_off();
-        for (&j, w) in free.iter().zip(w.iter()) {
-            values[j] = parameters[j].quantile(normal_cdf(w.clamp(-FURTHEST, FURTHEST)));
+        let mut values = model.values((&mean + &factor * normal).as_slice());
+        for &j in free {
+            let parameter = &problem.prior.parameters()[j];
+            let [low, high] = [-FURTHEST, FURTHEST].map(|w| parameter.quantile(normal_cdf(w)));
+            values[j] = values[j].clamp(low, high);
         }
         values
     };
@@ -146,5 +147,25 @@ mod tests {
         // With a rest or without, whichever is more probable.
         let without_effect = of("none") + of("unexplained");
         assert_eq!((of("wave") + of("wave+unexplained"), without_effect, of("offset(y)")), (50, 10, 0));
+    }
+
+    #[test]
+    fn where_bounds_are_wider_than_was_believed_the_runs_go_to_the_truth_too() {
+        let predictor = Straight::new();
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        // The truth, 1.3, within what was believed and beyond it.
+        for (low, high) in [(-0.6, 4.2), (0.5, 1.1)] {
+            let (prior, believed) = Straight::beyond(low, high);
+            let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
+            let problem =
+                Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise.clone(), 1.0)
+                    .unwrap()
+                    .believing(&believed);
+            let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            let of = explanations.iter().find(|of| of.name == "wave").unwrap();
+            let runs = draw(&problem, of, 40, 1).unwrap();
+            let mean = runs.iter().map(|run| run[0]).sum::<f64>() / 40.0;
+            assert!((mean - 1.3).abs() < 0.03, "{mean}");
+        }
     }
 }

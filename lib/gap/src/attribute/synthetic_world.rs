@@ -13,6 +13,7 @@ pub struct Straight {
     centre: Vec<f64>,
     basis: DMatrix<f64>,
     left_over: Vec<f64>,
+    variance: f64,
 }
 
 pub const STEPS: usize = 30;
@@ -23,8 +24,13 @@ fn x(step: usize) -> f64 {
 
 impl Straight {
     pub fn new() -> Self {
+        Self::unsure(0.0)
+    }
+
+    /// Known to this variance of each component.
+    pub fn unsure(variance: f64) -> Self {
         let basis = DMatrix::from_fn(STEPS, 3, |t, i| [1.0, x(t), (6.0 * x(t)).sin()][i]);
-        Self { centre: vec![0.0; STEPS], basis, left_over: vec![0.0; STEPS] }
+        Self { centre: vec![0.0; STEPS], basis, left_over: vec![0.0; STEPS], variance }
     }
 
     /// Parameters a, b and the effect's c, normal with mean 1 and sd 0.5 (c: mean 0, sd 1).
@@ -46,8 +52,25 @@ impl Straight {
         ])
     }
 
+    /// The same, a between -3 and 5 (a normal prior has no bounds that were believed), and where it was believed
+    /// to be: between `low` and `high`.
+    pub fn beyond(low: f64, high: f64) -> (Prior, Prior) {
+        let mut wide = Self::prior().parameters().to_vec();
+        wide[0].normal = None;
+        let mut believed = wide.clone();
+        (believed[0].lower, believed[0].upper) = (low, high);
+        (Prior::new(wide), Prior::new(believed))
+    }
+
     pub fn curve(a: f64, b: f64, c: f64) -> Vec<f64> {
         (0..STEPS).map(|t| a + b * x(t) + c * (6.0 * x(t)).sin()).collect()
+    }
+
+    /// The curve with errors of this standard deviation that are the same at every call.
+    pub fn measured(a: f64, b: f64, c: f64, sd: f64) -> Observations {
+        // Of 13 values that are evenly apart, each once in turn.
+        let error = |t: usize| sd * (((7 * t) % 13) as f64 - 6.0) / 14.0_f64.sqrt();
+        Self::observations(Self::curve(a, b, c).into_iter().enumerate().map(|(t, y)| y + error(t)).collect())
     }
 
     /// The effect, and an offset of the sensor.
@@ -89,7 +112,7 @@ impl Predictor for Straight {
         let value = |i: usize, mean: f64, sd: f64| mean + sd * (16.0 * point[i] - 8.0);
         Prediction {
             mean: vec![value(0, 1.0, 0.5), value(1, 1.0, 0.5), value(2, 0.0, 1.0)],
-            variance: vec![0.0; 3],
+            variance: vec![self.variance; 3],
         }
     }
 }

@@ -5,7 +5,8 @@ use anyhow::Result;
 use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
-use crate::attribute::hypothesis::name;
+use crate::attribute::forecast::{Effort, effort};
+use crate::attribute::hypothesis::{is_part, name};
 use crate::attribute::lean::Lean;
 use crate::attribute::marginals::{Marginal, marginals};
 use crate::attribute::path::short;
@@ -94,7 +95,8 @@ pub fn verdict(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
     }
-    add_rivals(&mut verdicts, problem, diagnosis);
+    add_rivals(&mut verdicts, problem, diagnosis)?;
+    add_hidden(&mut verdicts, problem, diagnosis);
     for of in &diagnosis.attribution.explanations {
         if of.ruled_out == Some(RuledOut::Invisible) && !of.has_rest {
             verdicts.add("invisible", &of.name, format!(
@@ -296,7 +298,7 @@ fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation
 }
 
 /// What comes next, what cannot be told from the first, and what would tell them apart.
-fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
     let explanations = &diagnosis.attribution.explanations;
     let (first, of_first) = (&diagnosis.rows[0], diagnosis.first());
     let probability = diagnosis.probability_of(&of_first.hypothesis);
@@ -324,8 +326,9 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
     // the next in line.
     let confounded =
         first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
-    let rival = confounded.or(rival.filter(|of| is_open && !is_rest_alone(of)));
-    let Some(rival) = rival.filter(|_| !is_rest_alone(of_first)) else { return };
+    let is_said = is_open || !of_first.is_cause();
+    let rival = confounded.or(rival.filter(|of| is_said && !is_rest_alone(of)));
+    let Some(rival) = rival.filter(|_| !is_rest_alone(of_first)) else { return Ok(()) };
     if !first.confounded.is_empty() {
         verdicts.add(
             "confounded",
@@ -333,7 +336,8 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
             format!("this measurement cannot tell {} from {}", first.name, first.confounded.join(", ")),
         );
     }
-    if let Some(at) = difference(problem, of_first, rival) {
+    if let Some(at) = difference(problem, of_first, rival).filter(|_| is_open || !first.confounded.is_empty())
+    {
         verdicts.add("measure-at", &problem.observables[at.observable], format!(
             "{} and {} differ most in {}, by {:.1} standard deviations of a reading: measure there again, or beyond",
             of_first.name,
@@ -341,5 +345,89 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
             problem.told(at.observable, &at.steps),
             at.height
         ));
+    }
+    add_effort(verdicts, problem, diagnosis, rival)
+}
+
+/// What it would take to tell the first from a rival.
+fn add_effort(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    rival: &Explanation,
+) -> Result<()> {
+    let first = diagnosis.first();
+    let probability = |of: &Explanation| diagnosis.probability_of(&of.hypothesis).max(f64::MIN_POSITIVE);
+    let ln_odds = |truth: &Explanation, other: &Explanation| (probability(truth) / probability(other)).ln();
+    // The truth is one of them. That an effect is absent is what is left when it would have been seen.
+    let ways = if is_part(&first.hypothesis, &rival.hypothesis) {
+        vec![(rival, first)]
+    } else if is_part(&rival.hypothesis, &first.hypothesis) {
+        vec![(first, rival)]
+    } else {
+        vec![(first, rival), (rival, first)]
+    };
+    let efforts = ways.into_iter().map(|(truth, other)| effort(problem, truth, other, ln_odds(truth, other)));
+    let efforts: Vec<Option<Effort>> = efforts.collect::<Result<_>>()?;
+    let named = |of: &Explanation| name(&of.hypothesis, &problem.candidates);
+    let (one, other) = if rival.is_cause() { (rival, first) } else { (first, rival) };
+    let pair = format!("{} from {}", named(one), named(other));
+    let hardest = efforts.into_iter().collect::<Option<Vec<Effort>>>();
+    let Some(Effort { runs, measurements }) =
+        hardest.and_then(|all| all.into_iter().max_by_key(|effort| (effort.measurements, effort.runs)))
+    else {
+        verdicts.add("effort", "none", format!(
+            "neither further runs nor measurements like this one will tell {pair}, as large as they fit: measure something else"
+        ));
+        return Ok(());
+    };
+    let (value, text) = match (measurements, runs) {
+        (1, 0) => return Ok(()),
+        (1, runs) => (
+            format!("runs={runs}"),
+            format!(
+                "about {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+            ),
+        ),
+        (many, 0) => (
+            format!("measurements={many}"),
+            format!(
+                "the mean of about {many} measurements like this one would tell {pair}, as large as they fit"
+            ),
+        ),
+        (many, runs) => (
+            format!("measurements={many},runs={runs}"),
+            format!(
+                "the mean of about {many} measurements like this one, with {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+            ),
+        ),
+    };
+    verdicts.add("effort", value, text);
+    Ok(())
+}
+
+/// How large each effect may be where none is needed.
+fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    if diagnosis.first().is_cause() || diagnosis.first().has_rest {
+        return;
+    }
+    let single = |of: &&Explanation| {
+        of.hypothesis.len() == 1 && !of.has_rest && of.ruled_out.is_none() && !of.is_behind
+    };
+    for of in diagnosis.attribution.explanations.iter().filter(single) {
+        let base = problem.prior.base().len();
+        let of_effect = marginals(problem, of).into_iter().skip(base);
+        let within = |Marginal { name, low, high, .. }: Marginal| {
+            let parameter = problem.prior.parameters().iter().find(|parameter| parameter.name == name);
+            let grows = parameter.is_some_and(|of| of.off.is_some_and(|off| off <= of.lower));
+            let from = if grows { String::new() } else { format!(" from {}", short(low)) };
+            format!("{name}{from} up to {}", short(high))
+        };
+        let within: Vec<String> = of_effect.map(within).collect();
+        verdicts.add(
+            "may-hide",
+            &of.name,
+            format!("{} may be there and not show: {} (0.9, if it is)", of.name, within.join(", ")),
+        );
     }
 }
