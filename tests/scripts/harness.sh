@@ -4,7 +4,7 @@
 # there are. Each test starts in an empty folder of its own, and what it says comes in one piece.
 
 ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
-export PATH=$ROOT/scripts:$PATH
+export PATH=$ROOT/scripts:$PATH:$ROOT/target/release
 unset CASE JOBS RUN_TIMEOUT GL_SCRATCH
 before=$(declare -F)
 

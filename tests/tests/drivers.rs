@@ -500,7 +500,7 @@ fn every_form_of_the_tables_gives_the_same_bytes() {
             folder.write(file, &forms(text)[i].1);
         }
         let [fit, made] = ["fit", "made"].map(|name| format!("{name}{i}"));
-        finish(calibrate(&folder, "embedded", &fit).args(["posterior=emulator", "iterations=1"]));
+        finish(calibrate(&folder, "embedded", &fit).args(["posterior=emulator", "iterations=1", "num=10"]));
         finish(driver(&folder, "gl-diagnose").args(["case", "--out", &made]));
         assert_eq!(folder.read(&format!("{made}/winner.txt")), "adhesion\n", "{form}");
         assert!(rows(&folder, &format!("{made}/shrink.txt")) > 0, "{form}");
