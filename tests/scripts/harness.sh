@@ -40,8 +40,9 @@ with_slurm() {
     needs slurm sbatch slurmctld slurmd munged
     [ "$(id -u)" = 0 ] || { echo 'a private SLURM needs root' >reason; exit 77; }
     export SLURM_TEST_DIR=$PWD/slurm SLURM_TEST_CPUS=4
-    # Others on this machine may test too.
+    # Others on this machine may test too, and so may others of this run.
     export SLURM_TEST_PORT=$((20000 + $$ % 5000 * 2))
+    until exec 8>"$SHARED/port$SLURM_TEST_PORT" && flock -n 8; do SLURM_TEST_PORT=$((SLURM_TEST_PORT + 2)); done
     mkdir slurm
     # munged wants its socket where everybody may look.
     chmod 755 .

