@@ -30,6 +30,14 @@ with_commands_of() {
 }
 
 commands_of_the_readme_run() { with_commands_of README.md; }
+what_the_readme_shows_of_its_first_command_is_what_it_prints() {
+    with_project
+    awk '/^```console$/ { on = 1; next } /^```$/ { on = 0 } on' README.md >shown
+    # shellcheck disable=SC2016  # a prompt
+    same "$(head -n 1 shown)" '$ gl-calibrate examples/collision'
+    gl-calibrate examples/collision >printed 2>&1
+    diff <(tail -n +2 shown) printed
+}
 the_demo_ends_with_a_verdict_and_a_picture() {
     with_project
     make demo >out.txt 2>&1

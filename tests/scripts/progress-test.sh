@@ -15,7 +15,7 @@ with_a_late_run() {
     printf 'x y\n0 0\n1 1\n' >runs/one_sim.txt
     rm -f runs/two_sim.txt
     mkfifo runs/two_sim.txt
-    (sleep 1.5; printf 'x y\n0 0\n1 2\n' >runs/two_sim.txt) &
+    (sleep 3; printf 'x y\n0 0\n1 2\n' >runs/two_sim.txt) &
 }
 
 # A design of which 50 runs are called the measurement in turn: about a second on two processors.

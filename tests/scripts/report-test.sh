@@ -3,10 +3,14 @@
 . "$(dirname "$0")/harness.sh"
 export PATH=$ROOT/target/release:$PATH
 
-# A finished calibration of the contact, in made.
-with_calibration() {
+# A finished calibration of the contact, in made; and a diagnosis of it.
+with_calibration() { with_shared calibration with_case_by gl-calibrate; }
+with_diagnosis() { with_shared diagnosis with_case_by gl-diagnose seed=3 design_num=60; }
+with_case_by() {
     cp -r "$ROOT/examples/contact-effects" case
-    gl-calibrate case num=20 iterations=2 --out made >log 2>&1
+    local tool=$1
+    shift
+    "$tool" case num=20 iterations=2 "$@" --out made >log 2>&1 || { cat log; return 1; }
 }
 
 # Every section, every picture at both widths, nothing from elsewhere, every tag closed.
@@ -76,8 +80,8 @@ weights_of_the_runs_have_a_history_and_draws_a_prediction_of_each_reading() {
     with_everything_in made/report.html 6
     grep -q 'The weight of each run against each parameter' made/report.html
     same "$(grep -c 'gl-plot predictive' made/report.html)" 0
-    rm -r made
-    gl-calibrate case num=20 iterations=2 --out made >log 2>&1
+    rm -r made case
+    with_calibration
     gl-report case --out made >log
     grep -q 'The posterior is one of draws through an emulator of the runs' made/report.html
     grep -q -- '-w made/posterior-runs-weights.txt made/ensemble.txt -o' made/report.html
@@ -102,6 +106,12 @@ the_same_results_give_the_same_page() {
     cmp first.html made/report.html
 }
 
+# A browser that now and then does not start is started again.
+with_chromium() {
+    local -a call=(timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" "$@")
+    "${call[@]}" || { rm -rf profile; "${call[@]}"; }
+}
+
 # The report in a browser: what the frames of browser.html say, and nothing on its console.
 with_browser() {
     local scheme=$1 number
@@ -109,8 +119,7 @@ with_browser() {
     cp "$ROOT/tests/scripts/browser.html" .
     { sed '/<\/body>/,$d' made/report.html; echo '<script>'; cat "$ROOT/tests/scripts/browser.js"; echo '</script>'; } >report.html
     # Of its own complaints, such as of a bus that is missing, only those of the page count.
-    timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" \
-        --blink-settings=preferredColorScheme="$number" --virtual-time-budget=5000 --window-size=1800,900 \
+    with_chromium --blink-settings=preferredColorScheme="$number" --virtual-time-budget=5000 --window-size=1800,900 \
         --enable-logging=stderr --dump-dom "file://$PWD/browser.html" >dom.html 2>log
     if grep CONSOLE log; then return 1; fi
     grep -o '<p>width [^<]*' dom.html | sort | sed 's/<p>//'
@@ -118,8 +127,7 @@ with_browser() {
 
 a_browser_shows_the_report_on_a_phone_and_on_a_desk_in_light_and_in_dark() {
     needs chromium chromium
-    cp -r "$ROOT/examples/contact-effects" case
-    gl-diagnose case num=20 iterations=2 seed=3 design_num=60 --out made >log 2>&1
+    with_diagnosis
     gl-report case --out made >log
     local scheme pictures
     pictures=$(grep -c '<figcaption>' made/report.html)
@@ -137,8 +145,7 @@ width 390 scheme $scheme paper $scheme pictures $pictures beyond 0"
 
 # How many pages a browser prints of a file.
 with_printer() {
-    timeout 120 chromium --headless=new --no-sandbox --disable-gpu --user-data-dir="$PWD/profile" \
-        --print-to-pdf=printed.pdf "file://$PWD/$1" >log 2>&1
+    with_chromium --print-to-pdf=printed.pdf "file://$PWD/$1" >log 2>&1
     # They say so themselves, uncompressed.
     grep -ac '/Type */Page\b' printed.pdf
 }
@@ -177,8 +184,7 @@ names_cannot_break_the_page() {
 
 a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
     needs python3 python3
-    cp -r "$ROOT/examples/contact-effects" case
-    gl-diagnose case num=20 iterations=2 seed=3 design_num=60 --out made >log 2>&1
+    with_diagnosis
     gl-report case --out made >log
     # What the call set, case.toml does not.
     grep -q 'seed 3' made/report.md
@@ -192,8 +198,7 @@ a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
 
 # A verdict says by its code what it means; its words may be any.
 a_headline_is_told_by_the_code_of_the_verdict() {
-    cp -r "$ROOT/examples/contact-effects" case
-    gl-diagnose case num=20 iterations=2 seed=3 design_num=60 --out made >log 2>&1
+    with_diagnosis
     local code
     while read -r code; do
         printf 'code\tvalue\ttext\nleans\tnu\tsome words\n%s\tadhesion\tother <words>\n' "$code" >made/attribution-verdict.txt

@@ -179,7 +179,7 @@ a_failed_run_leaves_nothing_but_its_log_and_code() {
 a_run_past_its_time_limit_is_ended() {
     with_model
     with_table 4 1
-    RUN_TIMEOUT=1 ends_with 0 run-local samples.txt "$model" runs
+    RUN_TIMEOUT=2 ends_with 0 run-local samples.txt "$model" runs
     same "$(cat runs/r0.status)" '124 TIMEOUT'
     same "$(cat runs/r1.status)" 0
     absent runs/r0_sim.txt
@@ -218,16 +218,20 @@ a_killed_engine_takes_its_models_with_it() {
     with_model
     with_table 4.25 4.75
     with_killed_engine 2
-    sleep 0.3
-    ! pgrep -f "$PWD/model"
+    local -i tries=0
+    while pgrep -f "$PWD/model"; do
+        sleep 0.1
+        tries+=1
+        [ $tries -lt 100 ] || return 1
+    done
 }
 
 two_engines_on_one_folder_take_turns() {
     with_model
     with_table 1 2 6
-    export PAUSE=0.3
+    export PAUSE=1
     run-local samples.txt "$model" runs 2>/dev/null &
-    sleep 0.2
+    until [ -e started ]; do sleep 0.01; done
     ends_with 0 run-local samples.txt "$model" runs
     wait
     says 'waiting for the runs'
@@ -257,7 +261,7 @@ each_of_the_processes_may_be_killed() {
     kill -9 "$engine"
     wait "$engine" || true
     # The lock is free once the run has ended.
-    timeout 5 flock runs true
+    timeout 60 flock runs true
     if pgrep -f "$PWD/model"; then return 1; fi
     same "$(cat runs/r0.status)" '143 TERMINATED'
     rm started
@@ -273,7 +277,7 @@ each_of_the_processes_may_be_killed() {
 a_model_that_leaves_its_group_keeps_the_next_engine_waiting() {
     with_table 1
     # shellcheck disable=SC2016  # the model expands it
-    printf '#!/bin/bash\nsetsid sleep 2 &\nsleep 0.2\nprintf "u f\\n0 1\\n" >"$1_sim.txt"\n' >model
+    printf '#!/bin/bash\nsetsid sleep 3 &\nsleep 0.2\nprintf "u f\\n0 1\\n" >"$1_sim.txt"\n' >model
     chmod +x model
     ends_with 0 run-local samples.txt './model {description}' runs
     rm runs/r0_sim.txt
@@ -348,8 +352,8 @@ after_a_full_disk_the_same_call_goes_on() {
 packed_runs_are_those_of_loose_files() {
     with_model
     with_table 1.5 2 3 4.5 5 6
-    RUN_TIMEOUT=1 ends_with 0 run-local samples.txt "$model" loose
-    RUN_TIMEOUT=1 JOBS=1 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    RUN_TIMEOUT=2 ends_with 0 run-local samples.txt "$model" loose
+    RUN_TIMEOUT=2 JOBS=1 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
     says '6 rows: 0 complete before, 3 run, 3 failed'
     # One file for two rows a process, and what tells of failures.
     same "$(ls -A runs)" "$(printf '%s\n' r{0,5}_packed.txt r{2,3,4}.log r{2,3,4}.status | sort)"
@@ -357,7 +361,7 @@ packed_runs_are_those_of_loose_files() {
     rm loose/*.log loose/*.status
     diff -r loose unpacked
     rm started
-    RUN_TIMEOUT=1 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
+    RUN_TIMEOUT=2 PACKED=1 ends_with 0 run-local samples.txt "$model" runs
     same "$(sort started)" $'r2\nr3\nr4'
     PACKED=yes ends_with 2 run-local samples.txt "$model" runs
     says 'PACKED=yes'

@@ -140,6 +140,11 @@ fn a_path_may_have_any_name_but_make_takes_none_with_blanks() {
     assert!(folder.path("case/out/case/posterior.txt").exists());
 }
 
+/// Open MPI without a daemon beside each run, and without a folder that runs share at the same time and that the first to
+/// end deletes.
+const ONE_PROCESS: [(&str, &str); 2] =
+    [("OMPI_MCA_ess_singleton_isolated", "1"), ("OMPI_MCA_orte_create_session_dirs", "0")];
+
 #[test]
 fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
     if !require("lmp") {
@@ -149,10 +154,10 @@ fn a_calibration_by_lammps_is_that_of_the_embedded_simulator() {
     // Where an emulator asks for the next runs, the fifth digit of a curve decides which; weights follow it smoothly.
     copy_case(&folder, "collision", &[("iterations", "2"), ("posterior", "\"runs\"")]);
     finish(&mut calibrate(&folder, "embedded", "embedded"));
-    let model = "model=lmp -in {case}/lammps.in -log none -screen none -var E_m {E_m} -var nu {nu} -var name {description}";
-    // Without a daemon of Open MPI beside each run, which now and then fails to start.
-    let isolated = ("OMPI_MCA_ess_singleton_isolated", "1");
-    let (_, said) = finish(calibrate(&folder, "local", "lammps").arg(model).env(isolated.0, isolated.1));
+    // What may go wrong on a machine while `lmp` starts is none of it: once more.
+    folder.write("case/twice", "#!/bin/sh\n\"$@\" || \"$@\"\n");
+    let model = "model=sh {case}/twice lmp -in {case}/lammps.in -log none -screen none -var E_m {E_m} -var nu {nu} -var name {description}";
+    let (_, said) = finish(calibrate(&folder, "local", "lammps").arg(model).envs(ONE_PROCESS));
     assert_eq!(folder.quantity("lammps/posterior.txt", "failed"), 0.0, "{said}");
     for name in ["E_m", "nu"] {
         for kind in ["mean", "sd", "q05", "q95"] {
@@ -187,7 +192,7 @@ fn two_spheres_in_lammps_go_as_in_the_embedded_simulator() {
         for (name, value) in values {
             lammps.args(["-var", name, value]);
         }
-        lammps.env("OMPI_MCA_ess_singleton_isolated", "1").current_dir(folder.path(""));
+        lammps.envs(ONE_PROCESS).current_dir(folder.path(""));
         finish(&mut lammps);
         folder.run(&format!(
             "gl-contact --programme cycles --curve E_m=9.2,nu=0.3,mu=0.45,w={work} -o {name}.txt"
@@ -342,8 +347,8 @@ fn kept_runs_are_taken_and_the_model_is_not_run() {
 #[test]
 fn a_prior_that_is_wide_beside_the_measurement_does_not_hide_the_effect() {
     let folder = Folder::default();
-    // What calibration does not see is measured apart.
-    copy_case(&folder, "contact-effects", &[("steps", "\"0:60\"")]);
+    // What calibration does not see is measured apart. Through an emulator it takes three times as long.
+    copy_case(&folder, "contact-effects", &[("steps", "\"0:60\""), ("posterior", "\"weights\"")]);
     let params = folder.read("case/params.txt");
     let params =
         params.replace("E_m\t8.5\t10", "E_m\t7\t11").replace("mu\t0.1\t0.8\tlinear", "mu\t0.01\t2\tlog");
@@ -403,7 +408,7 @@ fn a_driver_that_is_stopped_takes_its_steps_with_it() {
     let driver = driver.args(["case", "--engine", "local", "--out", "made", "model=sleep 60"]);
     let mut child = driver.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let waits = |what: &dyn Fn() -> bool| {
-        (0..200).any(|_| {
+        (0..1200).any(|_| {
             std::thread::sleep(std::time::Duration::from_millis(50));
             what()
         })
@@ -429,7 +434,8 @@ fn all_runs(folder: &Folder, out: &str) -> usize {
 #[test]
 fn a_cause_that_stands_out_is_found_and_put_in_with_few_runs() {
     let folder = Folder::default();
-    // Of the prior the posterior is a billionth: what was found must not be lost again.
+    // Of the prior the posterior is a billionth: what was found must not be lost again. The one diagnosis with nothing made
+    // smaller, as a user calls it: a minute of a processor.
     copy_case(&folder, "contact-effects", &[]);
     finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
     assert_eq!(folder.read("made/winner.txt"), "adhesion\n");
@@ -494,7 +500,7 @@ fn every_form_of_the_tables_gives_the_same_bytes() {
             folder.write(file, &forms(text)[i].1);
         }
         let [fit, made] = ["fit", "made"].map(|name| format!("{name}{i}"));
-        finish(calibrate(&folder, "embedded", &fit).args(["posterior=emulator", "iterations=1"]));
+        finish(calibrate(&folder, "embedded", &fit).args(["posterior=emulator", "iterations=1", "num=10"]));
         finish(driver(&folder, "gl-diagnose").args(["case", "--out", &made]));
         assert_eq!(folder.read(&format!("{made}/winner.txt")), "adhesion\n", "{form}");
         assert!(rows(&folder, &format!("{made}/shrink.txt")) > 0, "{form}");
@@ -548,7 +554,7 @@ fn an_installed_tree_works_in_an_empty_folder() {
     assert!(call("gl-init", &["--list"]).contains("contact-effects\t"));
     call("gl-init", &["mine", "--from", "contact-effects"]);
     call("gl-check", &["mine"]);
-    let small = ["num=20", "iterations=2", "design_num=60"];
+    let small = ["num=20", "iterations=2", "design_num=60", "posterior=weights"];
     assert!(call("gl-calibrate", &["mine", small[0], small[1]]).starts_with("iteration 0: 20 runs"));
     call("gl-diagnose", &[&["mine"], &small[..]].concat());
     let page = folder.path("empty/out/mine-diagnosis/report.html");
@@ -626,7 +632,13 @@ fn an_iteration_by_hand_keeps_out_of_a_folder_in_which_a_driver_works() {
     folder.write("out/.lock", "");
     let mut holder =
         Command::new("flock").arg(folder.path("out/.lock")).args(["sleep", "60"]).spawn().unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(300));
+    let is_free = || {
+        let lock = folder.path("out/.lock");
+        Command::new("flock").arg("-n").arg(lock).arg("true").status().unwrap().success()
+    };
+    while is_free() {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
     let call =
         || driver(&folder, "gl-iterate").args(["case", "mine.txt", "mine", "--out", "out"]).output().unwrap();
     let refused = call();

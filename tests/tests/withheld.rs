@@ -14,8 +14,9 @@ use pipelines::withheld::{diagnose, generate};
 fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::named("contact").unwrap();
-    // Each kind of case once, with fewer runs than `make withheld` makes.
-    generate::generate(&bench, Condition::AsStated, 20, 5, dir.path()).unwrap();
+    // Each family of cases, with fewer runs than `make withheld` makes. Two minutes of a processor: the one check that a
+    // change of the inference does not make the diagnosis worse. Of this seed four effects are visible, and one that is withheld.
+    generate::generate(&bench, Condition::AsStated, 10, 8, dir.path()).unwrap();
     let how = How { runs: 15, in_rounds: true, exact: false, seed: 1 };
     diagnose::diagnose(&bench, how, dir.path()).unwrap();
     let cases = read(dir.path()).unwrap();
@@ -26,7 +27,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let visible = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
     assert!(visible.all >= 4 && visible.of + 1 >= visible.all, "one effect: {visible:?} {cases:#?}");
     let none = share(&|case| case.truth == "none", &|case| case.names_wrong() && case.probability > 0.5);
-    assert!(none.all == 4 && none.of == 0, "no effect: {none:?} {cases:#?}");
+    assert!(none.all == 3 && none.of == 0, "no effect: {none:?} {cases:#?}");
     let unknown = share(&|case| case.withheld && case.visibility >= 2.0, &|case| {
         case.names_wrong() && case.probability > 0.9
     });

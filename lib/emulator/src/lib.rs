@@ -80,6 +80,56 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// What the curves of the runs, shape (runs, outputs), are measured in, shape (outputs,), and how many components are
+    /// enough for them; `starts` is where the outputs of each observable begin.
+    fn components(&self, curves: &DMatrix<f64>, starts: &[usize]) -> Result<(Vec<f64>, Enough)> {
+        let most = self.max_components;
+        if let Some(noise) = &self.noise {
+            let scale = noise.concat();
+            ensure!(
+                scale.len() == curves.ncols() && scale.iter().all(|&sd| sd > 0.0),
+                "the noise of an emulator is not positive, or not that of {} observables and {} readings",
+                starts.len() - 1,
+                curves.ncols()
+            );
+            return Ok((scale, Enough { leftover: self.leftover.unwrap_or(0.01), share: 1e-12, most }));
+        }
+        let of_observable = |ends: &[usize]| {
+            let range = range_of(curves, ends[0]..ends[1]);
+            vec![if range > 0.0 { range } else { 1.0 }; ends[1] - ends[0]]
+        };
+        let scale = starts.windows(2).flat_map(of_observable).collect();
+        Ok((scale, Enough { leftover: 0.0, share: self.leftover.unwrap_or(1e-6), most }))
+    }
+
+    /// A process of each component.
+    ///
+    /// * `rows` — inputs of the runs, shape (runs, inputs).
+    /// * `scores` — shape (runs, components).
+    fn train(&self, rows: &[Vec<f64>], scores: &DMatrix<f64>) -> Result<Vec<Gp>> {
+        let (n, d) = (rows.len(), rows[0].len());
+        let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
+        let search = Search {
+            mean: self.mean.unwrap_or(default_mean),
+            starts: self.starts,
+            short_length: self.short_length,
+        };
+        let points = Points::new(rows, search.mean)?.with_kernel(self.kernel);
+        let stage = stage("training the emulator", scores.ncols());
+        (0..scores.ncols())
+            .into_par_iter()
+            .map(|c| {
+                let mut generator = ChaCha8Rng::seed_from_u64(self.seed);
+                generator.set_stream(c as u64);
+                let known = self.known.get(c);
+                train(rows, &points, scores.column(c).as_slice(), search, known, &mut generator)
+            })
+            .inspect(|_| stage.advance())
+            .collect()
+    }
+}
+
 /// A trained emulator. Outputs are all observables behind each other, each at all steps.
 #[derive(Clone, Debug)]
 pub struct Emulator {
@@ -140,18 +190,9 @@ impl Emulator {
             "{}: has _sd columns; an emulator is trained on runs, not on what an emulator predicted",
             ensemble.source
         );
-        let values = samples.columns(&prior.names())?;
-        let places = samples.index();
         let mut order: Vec<usize> = (0..ensemble.len()).collect();
         order.sort_by(|&a, &b| ensemble.samples[a].cmp(&ensemble.samples[b]));
-        let mut coordinates = Vec::with_capacity(order.len());
-        for &run in &order {
-            let name = ensemble.samples[run].as_str();
-            let place = places.get(name).with_context(|| {
-                format!("{}: sample {name} is not in {}", ensemble.source, samples.source)
-            })?;
-            coordinates.push(coordinates_of(prior, &values[*place]));
-        }
+        let coordinates = coordinates_of_runs(prior, samples, ensemble, &order)?;
         let inputs = Inputs::new(prior, &coordinates);
         let (n, d) = (order.len(), inputs.len());
         ensure!(
@@ -163,69 +204,11 @@ impl Emulator {
         );
         ensure!(d > 0, "{}: all runs have the same parameters", ensemble.source);
 
-        let m = ensemble.observables.len();
-        let mut starts = vec![0];
-        starts.extend((0..m).scan(0, |end, j| {
-            *end += ensemble.steps_of(j);
-            Some(*end)
-        }));
-        let outputs = starts[m];
-        let mut curves = DMatrix::zeros(n, outputs);
-        for (i, &run) in order.iter().enumerate() {
-            for j in 0..m {
-                for (t, y) in ensemble.curve(run, j).iter().enumerate() {
-                    curves[(i, starts[j] + t)] = *y;
-                }
-            }
-        }
-        let (scale, enough) = match &options.noise {
-            Some(noise) => {
-                let scale: Vec<f64> = noise.iter().flatten().copied().collect();
-                ensure!(
-                    scale.len() == outputs && scale.iter().all(|&sd| sd > 0.0),
-                    "the noise of an emulator is not positive, or not that of {m} observables and {outputs} readings"
-                );
-                let leftover = options.leftover.unwrap_or(0.01);
-                (scale, Enough { leftover, share: 1e-12, most: options.max_components })
-            }
-            None => {
-                let scale = (0..m)
-                    .flat_map(|j| {
-                        let range = range_of(&curves, starts[j]..starts[j + 1]);
-                        vec![if range > 0.0 { range } else { 1.0 }; starts[j + 1] - starts[j]]
-                    })
-                    .collect();
-                let share = options.leftover.unwrap_or(1e-6);
-                (scale, Enough { leftover: 0.0, share, most: options.max_components })
-            }
-        };
+        let (starts, curves) = curves_of(ensemble, &order);
+        let (scale, enough) = options.components(&curves, &starts)?;
         let components = Components::new(&curves, &scale, enough)?;
-
         let rows: Vec<Vec<f64>> = coordinates.iter().map(|run| inputs.at(run)).collect();
-        let default_mean = if n >= 3 * (d + 1) { Mean::Linear } else { Mean::Constant };
-        let search = Search {
-            mean: options.mean.unwrap_or(default_mean),
-            starts: options.starts,
-            short_length: options.short_length,
-        };
-        let points = Points::new(&rows, search.mean)?.with_kernel(options.kernel);
-        let stage = stage("training the emulator", components.basis.ncols());
-        let processes = (0..components.basis.ncols())
-            .into_par_iter()
-            .map(|c| {
-                let mut generator = ChaCha8Rng::seed_from_u64(options.seed);
-                generator.set_stream(c as u64);
-                train(
-                    &rows,
-                    &points,
-                    components.scores.column(c).as_slice(),
-                    search,
-                    options.known.get(c),
-                    &mut generator,
-                )
-            })
-            .inspect(|_| stage.advance())
-            .collect::<Result<Vec<_>>>()?;
+        let processes = options.train(&rows, &components.scores)?;
         let correlation = error_correlation(&processes, &components.scores);
         let mut emulator = Self {
             prior: prior.clone(),
@@ -237,7 +220,7 @@ impl Emulator {
             components,
             processes,
             correlation,
-            scatter: DVector::zeros(outputs),
+            scatter: DVector::zeros(curves.ncols()),
             curves,
         };
         emulator.scatter = emulator.spread(&emulator.nugget());
@@ -432,6 +415,43 @@ impl Emulator {
         };
         (0..self.observables.len()).map(check).collect()
     }
+}
+
+/// Coordinates of the parameters of runs in this order, shape (runs, parameters).
+fn coordinates_of_runs(
+    prior: &Prior,
+    samples: &Samples,
+    ensemble: &Ensemble,
+    order: &[usize],
+) -> Result<Vec<Vec<f64>>> {
+    let values = samples.columns(&prior.names())?;
+    let places = samples.index();
+    let coordinates = |&run: &usize| {
+        let name = ensemble.samples[run].as_str();
+        let place = places
+            .get(name)
+            .with_context(|| format!("{}: sample {name} is not in {}", ensemble.source, samples.source))?;
+        Ok(coordinates_of(prior, &values[*place]))
+    };
+    order.iter().map(coordinates).collect()
+}
+
+/// Where the outputs of each observable begin, and the number of all, shape (observables + 1,); and the curves of runs in
+/// this order, shape (runs, outputs).
+fn curves_of(ensemble: &Ensemble, order: &[usize]) -> (Vec<usize>, DMatrix<f64>) {
+    let mut starts = vec![0];
+    for j in 0..ensemble.observables.len() {
+        starts.push(starts[j] + ensemble.steps_of(j));
+    }
+    let mut curves = DMatrix::zeros(order.len(), starts[ensemble.observables.len()]);
+    for (i, &run) in order.iter().enumerate() {
+        for (j, start) in starts[..ensemble.observables.len()].iter().enumerate() {
+            for (t, y) in ensemble.curve(run, j).iter().enumerate() {
+                curves[(i, start + t)] = *y;
+            }
+        }
+    }
+    (starts, curves)
 }
 
 fn coordinates_of(prior: &Prior, parameters: &[f64]) -> Vec<f64> {

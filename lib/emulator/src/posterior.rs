@@ -360,71 +360,28 @@ fn finish(
     let Outcome { population, nuisances, correlated, chi_square } = outcome;
     let likelihood = Likelihood::new(&surrogate, &space, &measured, nuisances.clone());
     let points = thinned(&population.points, options.draws, options.seed);
-    let curves: Vec<Vec<f64>> = points
-        .par_iter()
-        .map(|x| {
-            let scores = surrogate.emulator.mean_scores(&space.coordinates(x));
-            let curve = surrogate.emulator.centre()
-                + surrogate.emulator.basis() * nalgebra::DVector::from_vec(scores);
-            measured.residual(curve.as_slice())
-        })
-        .collect();
+    let residual = |x: &Vec<f64>| {
+        let scores = nalgebra::DVector::from_vec(surrogate.emulator.mean_scores(&space.coordinates(x)));
+        let curve = surrogate.emulator.centre() + surrogate.emulator.basis() * scores;
+        measured.residual(curve.as_slice())
+    };
+    let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
     let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
     let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
-    let error = |residual: &Vec<f64>| {
-        let shares =
-            residual.iter().enumerate().map(|(o, r)| r.abs() / measured.ranges[measured.observable_of(o)]);
-        shares.sum::<f64>() / residual.len() as f64
-    };
     let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
-    let squares: Vec<f64> = points[..PAIRED.min(points.len())]
-        .par_chunks_exact(2)
-        .zip(noise.par_chunks_exact(2))
-        .map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], &noise[0]))
-        .collect();
-    let ignorance = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
-    // The variance of n runs is known to √(2/n).
-    let (without, with) = points[..PAIRED.min(points.len())]
-        .par_chunks_exact(2)
-        .zip(noise.par_chunks_exact(2))
-        .map(|(pair, noise)| likelihood.information(&pair[0], &pair[1], &noise[0]))
-        .collect::<Vec<_>>()
-        .into_iter()
-        .fold((0.0, 0.0), |(a, b), (without, with)| (a + without, b + with));
-    let taken = if without > 0.0 { (1.0 - with / without).clamp(0.0, 1.0) } else { 0.0 };
+    let pairs: Pairs<'_> = points.chunks_exact(2).take(PAIRED / 2).zip(noise.iter().step_by(2)).collect();
+    let ignorance = ignorance(&likelihood, &pairs);
     let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
-    let scatter_error = taken * (0.5 / degrees).sqrt();
+    // The variance of n runs is known to √(2/n).
+    let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
-    let values: Vec<Vec<f64>> = samples.columns(&space.prior().names())?;
-    let index = samples.index();
-    let residuals: Vec<Vec<f64>> =
-        (0..ensemble.len()).map(|run| measured.residual(&ensemble.curves(run).concat())).collect();
-    let misfit = |run: usize| -> f64 {
-        residuals[run].iter().zip(&measured.noise).map(|(r, sd)| (r / sd).powi(2)).sum()
-    };
-    let mut order = ranked.order.clone();
-    order.sort_by(|&a, &b| {
-        let names = || ensemble.samples[a].cmp(&ensemble.samples[b]);
-        misfit(a).total_cmp(&misfit(b)).then_with(names)
-    });
-    let places = order
-        .iter()
-        .map(|&run| {
-            index.get(ensemble.samples[run].as_str()).map_or(Vec::new(), |&i| space.place(&values[i]))
-        })
-        .collect();
-    let run = |&run: &usize| Run {
-        name: ensemble.samples[run].clone(),
-        misfit: misfit(run),
-        error: error(&residuals[run]),
-    };
-    let runs = order.iter().map(run).collect();
+    let (runs, places) = real_runs(ranked, &space, &measured, (samples, ensemble))?;
     Ok(Inference {
         values: points.iter().map(|x| space.values(x)).collect(),
         misfit: fits.iter().map(|fit| fit.square).collect(),
-        error: curves.iter().map(error).collect(),
+        error: residuals.iter().map(|residual| measured.error(residual)).collect(),
         ln_evidence: population.ln_evidence,
-        independent_readings: noise::independent(&curves[best], &measured).iter().sum(),
+        independent_readings: noise::independent(&residuals[best], &measured).iter().sum(),
         chi_square,
         ignorance,
         scatter_error,
@@ -449,6 +406,46 @@ fn thinned(points: &[Vec<f64>], count: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xd4a3);
     let order = rand::seq::index::sample(&mut generator, points.len(), points.len()).into_vec();
     order.iter().cycle().take(count).map(|&i| points[i].clone()).collect()
+}
+
+/// Draws in pairs, with the noise at the first of each.
+type Pairs<'a> = Vec<(&'a [Vec<f64>], &'a NoiseAt)>;
+
+/// See [`Inference::ignorance`].
+fn ignorance(likelihood: &Likelihood<'_>, pairs: &Pairs<'_>) -> f64 {
+    let squares: Vec<f64> =
+        pairs.par_iter().map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], noise)).collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
+}
+
+/// Share of what the measurement says that the simulation's scatter takes away.
+fn taken(likelihood: &Likelihood<'_>, pairs: &Pairs<'_>) -> f64 {
+    let information: Vec<(f64, f64)> =
+        pairs.par_iter().map(|(pair, noise)| likelihood.information(&pair[0], &pair[1], noise)).collect();
+    let (without, with) =
+        information.into_iter().fold((0.0, 0.0), |(a, b), (without, with)| (a + without, b + with));
+    if without > 0.0 { (1.0 - with / without).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// The runs from the best, and where they stand, shape (runs, parameters that vary).
+fn real_runs(
+    ranked: &Ranked<'_>,
+    space: &Space,
+    measured: &Measured,
+    (samples, ensemble): (&Samples, &Ensemble),
+) -> Result<(Vec<Run>, Vec<Vec<f64>>)> {
+    let values = samples.columns(&space.prior().names())?;
+    let index = samples.index();
+    let of = |&run: &usize| {
+        let residual = measured.residual(&ensemble.curves(run).concat());
+        let name = ensemble.samples[run].clone();
+        let place = index.get(name.as_str()).map_or(Vec::new(), |&i| space.place(&values[i]));
+        let misfit = residual.iter().zip(&measured.noise).map(|(r, sd)| (r / sd).powi(2)).sum();
+        (Run { name, misfit, error: measured.error(&residual) }, place)
+    };
+    let mut runs: Vec<(Run, Vec<f64>)> = ranked.order.iter().map(of).collect();
+    runs.sort_by(|(a, _), (b, _)| a.misfit.total_cmp(&b.misfit).then_with(|| a.name.cmp(&b.name)));
+    Ok(runs.into_iter().unzip())
 }
 
 /// How mean and standard deviation would change if the emulator's mean were exact: the largest shift in

@@ -347,6 +347,18 @@ impl Parameter {
     /// The place of a value between the bounds on the parameter's own scale: 0 at the lower bound,
     /// 1 at the upper one, outside [0, 1] beyond them. A value ≤ 0 on a log scale, which only an
     /// `off` value can be, stands one range below the lower bound, at −1.
+    ///
+    /// # Examples
+    /// ```
+    /// use gl_inference::prior::Prior;
+    /// use gl_table::Table;
+    ///
+    /// let table = Table::parse("params.txt", b"name lower upper scale\nE 1e6 1e10 log\n".to_vec())?;
+    /// let prior = Prior::from_table(&table)?;
+    /// let place = prior.parameters()[0].coordinate(1e9);
+    /// assert!((place - 0.75).abs() < 1e-12);
+    /// # Ok::<(), anyhow::Error>(())
+    /// ```
     pub fn coordinate(&self, value: f64) -> f64 {
         let (low, high) = self.scaled_bounds();
         match self.scale {

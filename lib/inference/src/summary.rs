@@ -304,6 +304,15 @@ const LEAN: f64 = 1.3;
 
 /// The bound that a posterior of this mean and standard deviation leans on, beyond which the truth may
 /// lie: −1 the lower, 1 the upper, 0 none.
+///
+/// # Examples
+/// ```
+/// use gl_inference::summary::leaning;
+///
+/// // Uniform between the bounds; and an exponential that rises from the lower one.
+/// assert_eq!(leaning(0.5, (1.0_f64 / 12.0).sqrt(), (0.0, 1.0)), 0);
+/// assert_eq!(leaning(0.1, 0.1, (0.0, 1.0)), -1);
+/// ```
 pub fn leaning(mean: f64, sd: f64, (lower, upper): (f64, f64)) -> i8 {
     let room = (LEAN * sd).max(0.02 * (upper - lower));
     match (mean - lower < room, upper - mean < room) {

@@ -8,9 +8,9 @@ use gl_inference::filter::{NoiseModel, Runs, Target, weigh};
 use gl_inference::misfit::{Comparison, Covariance, Scaling};
 use gl_inference::mixture::CovarianceType;
 use gl_inference::observations::{ByName, Observations, Steps};
-use gl_inference::prior::{Prior, normal_quantile};
+use gl_inference::prior::{Parameter, Prior, normal_quantile};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
-use gl_inference::resample::{Resampling, Sampling, resample};
+use gl_inference::resample::{Resampled, Resampling, Sampling, resample};
 use gl_inference::samples::Samples;
 use gl_inference::summary::Marginals;
 use gl_inference::weights::Weights;
@@ -40,29 +40,76 @@ fn line(a: f64, b: f64) -> Vec<f64> {
     (0..STEPS).map(|x| a * x as f64 + b).collect()
 }
 
-/// One calibration of a truth drawn from the prior: for each parameter the probability below the truth,
-/// and whether the 90 % interval holds it.
-fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let prior = prior();
-    let truth: Vec<f64> = prior.parameters().iter().map(|p| p.quantile(rng.random())).collect();
+/// What is measured of a truth.
+fn measurement(truth: &[f64], rng: &mut ChaCha8Rng) -> Observations {
     let measured =
         line(truth[0], truth[1]).into_iter().map(|y| y + NOISE * normal_quantile(rng.random())).collect();
-    let observations = Observations {
+    Observations {
         source: "obs".into(),
         control_name: "x".into(),
         control: (0..STEPS).map(|x| x as f64).collect(),
         names: vec!["y".into()],
         values: vec![measured],
         sd: vec![None],
-    };
-    let covariance = if setting.is_noise_known {
-        Covariance::of_noise(&[vec![NOISE; STEPS]])
-    } else {
-        Covariance::scaled(&observations, Scaling::Max, &ByName::default()).unwrap()
-    };
-    let comparison = Comparison::new(&observations, covariance, Steps::ALL).unwrap();
+    }
+}
 
+impl Setting {
+    fn comparison(self, observations: &Observations) -> Comparison<'_> {
+        let covariance = if self.is_noise_known {
+            Covariance::of_noise(&[vec![NOISE; STEPS]])
+        } else {
+            Covariance::scaled(observations, Scaling::Max, &ByName::default()).unwrap()
+        };
+        Comparison::new(observations, covariance, Steps::ALL).unwrap()
+    }
+
+    /// Where to run next, by weights of all samples so far.
+    fn next(self, prior: &Prior, samples: &Samples, runs: &Runs, noise: NoiseModel, seed: u64) -> Resampled {
+        let effective = f64::max(8.0, 0.3 * self.samples as f64) / samples.len() as f64;
+        let tempered = weigh(runs, Target::Ess(effective.min(0.9)), Some(Target::Noise), noise).unwrap();
+        let weights = Weights {
+            source: "weights".into(),
+            samples: samples.names.clone(),
+            parameters: prior.names(),
+            values: samples.values.clone(),
+            misfit: None,
+            error: None,
+            weight: tempered.weights().unwrap(),
+        };
+        let how = Resampling {
+            count: self.samples,
+            components: 3,
+            covariance: CovarianceType::Full,
+            concentration: None,
+            sampling: self.sampling,
+            seed,
+        };
+        resample(&weights, prior, &how).unwrap()
+    }
+}
+
+/// For each parameter the probability below the truth, and whether the 90 % interval holds it.
+fn held(prior: &Prior, truth: &[f64], samples: &Samples, runs: &Runs, noise: NoiseModel) -> Vec<(f64, bool)> {
+    let posterior = weigh(runs, Target::Noise, None, noise).unwrap();
+    let weights = posterior.weights().unwrap();
+    let marginals = Marginals::new(runs, &posterior, 2).unwrap();
+    let of = |(j, p): (usize, &Parameter)| {
+        let column: Vec<f64> = samples.values.iter().map(|v| v[j]).collect();
+        let below = column.iter().zip(&weights).filter(|(x, _)| **x < truth[j]).map(|(_, w)| w).sum();
+        let marginal = marginals.of(&column, (p.lower, p.upper));
+        (below, (marginal.q05..=marginal.q95).contains(&truth[j]))
+    };
+    prior.parameters().iter().enumerate().map(of).collect()
+}
+
+/// One calibration of a truth drawn from the prior, as [`held`] says how it ends.
+fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let prior = prior();
+    let truth: Vec<f64> = prior.parameters().iter().map(|p| p.quantile(rng.random())).collect();
+    let observations = measurement(&truth, &mut rng);
+    let comparison = setting.comparison(&observations);
     let mut samples = Samples { parameters: prior.names(), ..Samples::default() };
     let (mut counts, mut proposals): (Vec<usize>, Vec<Option<Proposal>>) = (Vec::new(), Vec::new());
     let mut values = draw(&prior, &Effects::None, Method::Halton, setting.samples, seed, true).unwrap();
@@ -78,52 +125,14 @@ fn replicate(setting: Setting, seed: u64) -> Vec<(f64, bool)> {
         let used = vec![true; samples.len()];
         let ln_q = ln_balance_heuristic(&samples, &counts, &proposals, &used).unwrap();
         let totals: Vec<f64> = misfits.iter().map(|m| m.misfit.iter().sum()).collect();
-        let runs = Runs::new(totals.clone(), ln_q).unwrap();
         let best = (0..totals.len()).min_by(|&a, &b| totals[a].total_cmp(&totals[b])).unwrap();
+        let runs = Runs::new(totals, ln_q).unwrap();
         let readings = if setting.is_noise_known { 0.0 } else { misfits[best].readings };
         let noise = NoiseModel::new(readings, 2);
         if counts.len() == setting.iterations {
-            let posterior = weigh(&runs, Target::Noise, None, noise).unwrap();
-            let weights = posterior.weights().unwrap();
-            let marginals = Marginals::new(&runs, &posterior, 2).unwrap();
-            return prior
-                .parameters()
-                .iter()
-                .enumerate()
-                .map(|(j, p)| {
-                    let column: Vec<f64> = samples.values.iter().map(|v| v[j]).collect();
-                    let below =
-                        column.iter().zip(&weights).filter(|(x, _)| **x < truth[j]).map(|(_, w)| w).sum();
-                    let marginal = marginals.of(&column, (p.lower, p.upper));
-                    (below, (marginal.q05..=marginal.q95).contains(&truth[j]))
-                })
-                .collect();
+            return held(&prior, &truth, &samples, &runs, noise);
         }
-        let tempered = weigh(
-            &runs,
-            Target::Ess((f64::max(8.0, 0.3 * setting.samples as f64) / totals.len() as f64).min(0.9)),
-            Some(Target::Noise),
-            noise,
-        )
-        .unwrap();
-        let weights = Weights {
-            source: "weights".into(),
-            samples: samples.names.clone(),
-            parameters: prior.names(),
-            values: samples.values.clone(),
-            misfit: None,
-            error: None,
-            weight: tempered.weights().unwrap(),
-        };
-        let how = Resampling {
-            count: setting.samples,
-            components: 3,
-            covariance: CovarianceType::Full,
-            concentration: None,
-            sampling: setting.sampling,
-            seed: seed + counts.len() as u64,
-        };
-        let resampled = resample(&weights, &prior, &how).unwrap();
+        let resampled = setting.next(&prior, &samples, &runs, noise, seed + counts.len() as u64);
         values = resampled.values;
         next = Some(resampled.proposal);
     }

@@ -42,6 +42,15 @@ pub fn points(method: Method, n: usize, dimensions: usize, seed: Option<u64>) ->
 
 /// The Halton sequence: in each dimension the digits of the index, in a prime base, mirrored at the
 /// point.
+///
+/// # Examples
+/// ```
+/// use gl_numeric::sequence::Halton;
+///
+/// // 6 is 110 in base 2 and 20 in base 3.
+/// let point = Halton::new(2, None).point(6);
+/// assert!((point[0] - 3.0 / 8.0).abs() < 1e-15 && (point[1] - 2.0 / 9.0).abs() < 1e-15);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Halton {
     bases: Vec<u64>,

@@ -36,6 +36,16 @@ pub fn normalised(ln_w: &[f64]) -> Result<Vec<f64>> {
 ///
 /// # Source
 /// Kong, Liu & Wong (1994), JASA 89:278.
+///
+/// # Examples
+/// ```
+/// use gl_numeric::statistics::ess_fraction;
+///
+/// // Four samples of which three weigh nothing; and the factor that all weights have in common makes no difference.
+/// assert_eq!(ess_fraction(&[-1000.0, f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY])?, 0.25);
+/// assert_eq!(ess_fraction(&[-1000.0; 4])?, 1.0);
+/// # Ok::<(), anyhow::Error>(())
+/// ```
 pub fn ess_fraction(ln_w: &[f64]) -> Result<f64> {
     let weights = normalised(ln_w)?;
     let squares: f64 = weights.iter().map(|w| w * w).sum();
@@ -46,6 +56,14 @@ pub fn ess_fraction(ln_w: &[f64]) -> Result<f64> {
 ///
 /// # Source
 /// Kong, Liu & Wong (1994), JASA 89:278.
+///
+/// # Examples
+/// ```
+/// use gl_numeric::statistics::effective_size;
+///
+/// assert_eq!(effective_size(&[0.5, 0.5, 0.0]), 2.0);
+/// assert!((effective_size(&[0.6, 0.2, 0.2]) - 1.0 / 0.44).abs() < 1e-12);
+/// ```
 pub fn effective_size(weights: &[f64]) -> f64 {
     1.0 / weights.iter().map(|w| w * w).sum::<f64>()
 }
@@ -65,6 +83,14 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
 ///
 /// Samples of the same value are one sample with their weights together, so that the order of the rows
 /// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n.
+///
+/// # Examples
+/// ```
+/// use gl_numeric::statistics::Quantiles;
+///
+/// let quantiles = Quantiles::new(&[3.0, 1.0], &[0.5, 0.5]);
+/// assert_eq!([0.25, 0.5, 0.75, 1.0].map(|p| quantiles.at(p)), [1.0, 2.0, 3.0, 3.0]);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Quantiles {
     /// Values with a weight above zero, in order, and the probability below the middle of each.

@@ -67,6 +67,12 @@ impl Measured {
         self.starts[observable]..self.starts[observable + 1]
     }
 
+    /// Mean over observables and steps of |r| over the observable's range, of a residual of shape (observables · steps).
+    pub fn error(&self, residual: &[f64]) -> f64 {
+        let shares = residual.iter().enumerate().map(|(o, r)| r.abs() / self.ranges[self.observable_of(o)]);
+        shares.sum::<f64>() / residual.len() as f64
+    }
+
     /// The observable of a reading.
     pub fn observable_of(&self, reading: usize) -> usize {
         self.starts.partition_point(|start| *start <= reading) - 1

@@ -222,6 +222,14 @@ impl Inference {
     /// What a user should know before trusting the numbers.
     pub fn verdicts(&self, options: Options) -> Verdicts {
         let mut verdicts = Verdicts::default();
+        self.say_of_correlation(options, &mut verdicts);
+        self.say_of_noise(&mut verdicts);
+        self.say_of_emulator(&mut verdicts);
+        self.say_of_bounds(&mut verdicts);
+        verdicts
+    }
+
+    fn say_of_correlation(&self, options: Options, verdicts: &mut Verdicts) {
         let counted = if options.noise_as_stated { "it is taken as stated" } else { "this is counted with" };
         for (name, correlation) in self.correlations() {
             verdicts.add(
@@ -236,6 +244,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_noise(&self, verdicts: &mut Verdicts) {
         if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_worse()) {
             let factor = self.variance().sqrt();
             let what = if self.nuisances.inflation {
@@ -264,6 +275,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_emulator(&self, verdicts: &mut Verdicts) {
         if self.is_unfit() {
             verdicts.add(
                 "emulator-unfit",
@@ -285,6 +299,9 @@ impl Inference {
                 ),
             );
         }
+    }
+
+    fn say_of_bounds(&self, verdicts: &mut Verdicts) {
         for (j, name) in self.space.prior().names().iter().enumerate() {
             if !self.space.varied().contains(&j) {
                 continue;
@@ -302,7 +319,6 @@ impl Inference {
                 );
             }
         }
-        verdicts
     }
 
     /// The observables whose residuals are correlated, with the correlation that is counted with.

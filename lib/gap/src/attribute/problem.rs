@@ -6,6 +6,7 @@ use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::belief::Belief;
+use crate::attribute::discrepancy::Smooth;
 use crate::attribute::gaussian::{Filled, Level, Patterns};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::predictor::Predictor;
@@ -121,16 +122,8 @@ impl<'a> Problem<'a> {
         let correlation = Cholesky::new(predictor.correlation())
             .context("the correlation of the components' errors is not positive definite")?
             .unpack();
-        let smooth = |j: usize| &tests[test_of[j]].smooth;
-        let all = components + (0..own.len()).map(|j| smooth(j).len()).sum::<usize>();
-        let mut patterns = DMatrix::zeros(readings, all);
-        patterns.columns_mut(0, components).copy_from(predictor.basis());
-        let mut first = components;
-        for (j, own) in own.iter().enumerate() {
-            let shape = (own.len(), smooth(j).len());
-            patterns.view_mut((own.start, first), shape).copy_from(&smooth(j).patterns);
-            first += smooth(j).len();
-        }
+        let smooth: Vec<&Smooth> = test_of.iter().map(|&test| &tests[test].smooth).collect();
+        let patterns = beside(predictor.basis(), &own, &smooth);
         let roots = DVector::from_iterator(components, component_scatter.iter().map(|tau| tau.sqrt()));
         let scattered = predictor.basis() * DMatrix::from_diagonal(&roots) * &correlation;
         let scatter_variance = own
@@ -323,6 +316,21 @@ impl<'a> Problem<'a> {
         let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64;
         (noise + self.scatter_variance[observable]).sqrt()
     }
+}
+
+/// The patterns of the components, shape (readings, components), and beside them the smooth ones of each observable at its
+/// own readings.
+fn beside(basis: &DMatrix<f64>, own: &[Range<usize>], smooth: &[&Smooth]) -> DMatrix<f64> {
+    let (readings, components) = basis.shape();
+    let all = components + smooth.iter().map(|smooth| smooth.len()).sum::<usize>();
+    let mut patterns = DMatrix::zeros(readings, all);
+    patterns.columns_mut(0, components).copy_from(basis);
+    let mut first = components;
+    for (own, smooth) in own.iter().zip(smooth) {
+        patterns.view_mut((own.start, first), (own.len(), smooth.len())).copy_from(&smooth.patterns);
+        first += smooth.len();
+    }
+    patterns
 }
 
 /// What the errors of each observable are measured against, shape (observables,): its range, or its size where one of
