@@ -149,7 +149,7 @@ mod tests {
         assert_eq!(interval(2.5e7, 6.9e10, true), "2.5·10⁷ – 6.9·10¹⁰");
         assert_eq!(interval(0.02, 1.5, true), "0.02 – 1.50");
         assert_eq!(interval(0.001, 2.3, false), "0.00 – 2.30");
-        let told = |fits: fn(&str) -> bool| estimate(345.0, (2e-8, 2364.0), true, fits);
+        let told = |fits: fn(&str) -> bool| estimate(346.0, (2e-8, 2364.0), true, fits);
         assert_eq!([told(|_| true), told(|_| false)], ["350 (2·10⁻⁸ – 2400)", "350"]);
     }
 

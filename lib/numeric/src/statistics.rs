@@ -187,7 +187,7 @@ mod tests {
         near(shortest(|u| -(1.0 - u).ln(), 20_000), (0.0, 10.0_f64.ln()));
         near(shortest(|u| 1.0 - (1.0 - u).sqrt(), 20_000), (0.0, 1.0 - 0.1_f64.sqrt()));
         // Weights in the place of numbers: the exponential's density on a grid.
-        let values: Vec<f64> = (0..20_000).map(|i| 1e-3 * (f64::from(i) + 0.5)).collect();
+        let values: Vec<f64> = (0..200_000).map(|i| 1e-4 * (f64::from(i) + 0.5)).collect();
         let density: Vec<f64> = values.iter().map(|x| (-x).exp()).collect();
         let sum: f64 = density.iter().sum();
         let weights: Vec<f64> = density.iter().map(|p| p / sum).collect();
