@@ -78,7 +78,7 @@ description dir|column dir
 END
 }
 
-a_name_that_is_there_twice_is_refused() {
+a_name_given_twice_is_refused() {
     with_model
     printf 'description a\nr 1\nr 2\n' >samples.txt
     ends_with 2 run-local samples.txt "$model" runs

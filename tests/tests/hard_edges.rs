@@ -3,12 +3,14 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
+use std::io::Write;
 use std::os::unix::fs::symlink;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::thread;
+use std::time::Duration;
 
 use pipelines::folder::Folder;
-use pipelines::{line, path_with_tools};
+use pipelines::{line, path_with_tools, programs};
 
 const COLLECT: &str =
     "gl-collect -s samples.txt -b obs.txt -c x -v y runs -o ensemble.txt --status status.txt";
@@ -139,6 +141,78 @@ fn a_stream_that_breaks_off_does_not_pass_for_complete() {
     assert!(!folder.path("w.txt").exists());
 }
 
+/// What is written into a pipe between two samples is whole rows, and a program that is killed cannot say that more
+/// should follow.
+#[test]
+fn a_stream_whose_writer_is_killed_between_samples_does_not_pass_for_complete() {
+    let folder = Folder::default();
+    folder.write("obs.txt", "x\ty\n0\t1\n");
+    let names: Vec<String> = (0..150_000).map(|i| format!("s{i:06}")).collect();
+    let table = |head: &str, row: &dyn Fn(&String) -> String| -> String {
+        std::iter::once(head.to_owned()).chain(names.iter().map(row)).collect()
+    };
+    folder
+        .write("samples.txt", table("description\tkey\ta\n", &|name| format!("{name}\t0\t{}\n", &name[1..])));
+    // More than what is read before the first misfits are written.
+    let runs = table("sample\tstep\tx\ty\n", &|name| format!("{name}\t0\t0\t0.{}\n", &name[1..]));
+    let call = |tool: &str, arguments: &str| {
+        let mut command = Command::new(programs().join(tool));
+        command.args(arguments.split(' ')).current_dir(folder.path("")).stderr(Stdio::piped());
+        command
+    };
+    let mut writer = call("gl-likelihood", "-b obs.txt -c x -v y --noise y=1 -")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut reader =
+        call("gl-filter", "-s samples.txt -o w.txt -").stdin(writer.stdout.take().unwrap()).spawn().unwrap();
+    writer.stdin.as_mut().unwrap().write_all(runs.as_bytes()).unwrap();
+    // Until it has written what it can and waits for more.
+    thread::sleep(Duration::from_millis(500));
+    assert!(reader.try_wait().unwrap().is_none());
+    writer.kill().unwrap();
+    writer.wait().unwrap();
+    let output = reader.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("stdin") && said.contains("ended before its table did"), "{said}");
+    assert!(!folder.path("w.txt").exists());
+    // Other programs mark nothing and are believed, and so is a writer that comes to its end.
+    folder.write("runs.txt", runs);
+    for writer in [
+        "gl-likelihood -b obs.txt -c x -v y --noise y=1 runs.txt",
+        "gl-likelihood -b obs.txt -c x -v y --noise y=1 runs.txt | cat",
+    ] {
+        let output = shell(&folder, &format!("{writer} | gl-filter -s samples.txt -o w.txt"));
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
+fn a_sample_that_did_not_fail_has_a_misfit_where_it_is_known_which_failed() {
+    let folder = collected(6);
+    let name = folder.texts("samples.txt", "description")[2].clone();
+    fs::remove_file(folder.path(&format!("runs/{name}_sim.txt"))).unwrap();
+    folder.run(&format!("{COLLECT} --max-failed 0.5"));
+    folder.run(LIKELIHOOD);
+    let with_status = format!("{FILTER} --status status.txt");
+    folder.run(&with_status);
+    assert_eq!(folder.quantity("summary.txt", "failed"), 1.0);
+    let last = folder.texts("samples.txt", "description")[5].clone();
+    let rows: Vec<String> = folder.read("misfit.txt").lines().map(str::to_owned).collect();
+    let cut: String =
+        rows.iter().filter(|row| !row.starts_with(&last)).map(|row| format!("{row}\n")).collect();
+    folder.write("misfit.txt", cut);
+    fs::remove_file(folder.path("weights.txt")).unwrap();
+    folder.refuses(
+        &with_status,
+        &[&format!(
+            "misfit.txt: no misfit of {last}, which did not fail by status.txt; was the table cut off?"
+        )],
+    );
+}
+
 #[test]
 fn samples_without_a_misfit_are_said() {
     let folder = collected(6);
@@ -216,7 +290,8 @@ fn a_closed_stdout_is_an_error() {
 fn absurd_numbers_of_samples_are_refused() {
     let folder = collected(6);
     for n in ["1000000000", "18446744073709551615"] {
-        folder.refuses(&format!("gl-sample -p params.txt -n {n} -o many.txt"), &["-n", n]);
+        let limit = format!("\"{n}\" is not a number from 1 to 10000000, nor is it auto");
+        folder.refuses(&format!("gl-sample -p params.txt -n {n} -o many.txt"), &["-n", &limit]);
     }
     folder.refuses(
         "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --next 100000 --next-out n.txt ensemble.txt",

@@ -613,6 +613,42 @@ fn panels_are_headed_by_mean_and_interval() {
     }
 }
 
+/// A thousand draws of an exponential, whose shortest 90 % goes from 0 to ln 10 (by 901 of them a little further) and not
+/// from −ln 0.95 to −ln 0.05, and of a uniform law; the same as a logarithm, on a logarithmic scale.
+#[test]
+fn where_a_posterior_is_skewed_the_interval_is_the_shortest_one() {
+    let mut weights = String::from("sample tail even log weight\n");
+    for i in 0..1000 {
+        let (u, v) = ((f64::from(i) + 0.5) / 1000.0, (f64::from(i) * 0.618).fract());
+        weights += &format!("s{i} {} {v} {} 0.001\n", -(1.0 - u).ln(), (-(1.0 - u).ln()).exp());
+    }
+    let params = "name lower upper scale\ntail 0 20 linear\neven 0 1 linear\nlog 1 1e9 log\n";
+    let summary: String = ["tail", "even", "log"]
+        .map(|name| format!("mean({name}) 1\nq05({name}) 0.0513\nq95({name}) 2.9957\n"))
+        .concat();
+    let folder = Tables::with(&[
+        ("weights.txt", &weights),
+        ("params.txt", params),
+        ("summary.txt", &format!("quantity value\n{summary}")),
+    ]);
+    for kind in ["posterior", "pairs --width 250"] {
+        for summary in ["", "--summary summary.txt"] {
+            let svg = folder.svg(&format!("{kind} -w weights.txt -p params.txt {summary}"));
+            assert!(has_text(&svg, "1.00 (0.00 – 2.31)"), "{kind} {summary}");
+        }
+        let svg = folder.svg(&format!("{kind} -w weights.txt -p params.txt"));
+        // Even in the middle of its range, and e to the exponential.
+        assert!(has_text(&svg, "0.50 (0.05 – 0.95)") && svg.contains("(1.0 – 10.1)</text>"), "{kind}");
+    }
+    let svg = folder.svg("posterior -w weights.txt -p params.txt");
+    assert_eq!([series(&svg, "shortest 90 % interval"), series(&svg, "90 % interval")], [2, 1]);
+    assert!(has_text(&svg, "90 % interval, where skewed the shortest"));
+    // Few runs: what chance made short is no shorter.
+    let few: String = weights.lines().take(51).map(|row| format!("{row}\n")).collect();
+    folder.0.write("weights.txt", few.replace("0.001", "0.02"));
+    assert!(!folder.svg("posterior -w weights.txt -p params.txt").contains("shortest"));
+}
+
 #[test]
 fn parameters_that_stand_still_are_left_out() {
     let still = "sample E off weight\na 1e11 0 0.25\nb 2e11 0 0.75\n";

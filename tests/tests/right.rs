@@ -5,6 +5,7 @@
 
 use std::fmt::Write;
 
+use pipelines::calibration::{calibrate, copy_case, finish};
 use pipelines::folder::Folder;
 use pipelines::line;
 use rand::{Rng, SeedableRng};
@@ -152,6 +153,58 @@ fn a_stop_by_a_single_sample_is_named_as_that() {
     assert!(!String::from_utf8_lossy(&stop.stderr).contains("single sample"));
     let go_on = folder.call(&format!("gl-check-stop --error-tol {} summary.txt", 0.99 * best), "");
     assert_eq!((go_on.status.code(), go_on.stderr.len()), (Some(1), 0));
+}
+
+/// The page says what the runs took, whatever made them; where nobody measured it, it says so.
+#[test]
+fn the_time_of_each_run_is_kept_and_told() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &[("num", "6"), ("iterations", "2"), ("posterior", "\"weights\"")]);
+    let path = std::env::var("PATH").unwrap();
+    for packed in ["0", "1"] {
+        let out = format!("out{packed}");
+        finish(
+            calibrate(&folder, "local", &out).args([&format!("packed={}", packed == "1")]).env("PATH", &path),
+        );
+        let times = format!("{out}/iter1/runs/times.txt");
+        let mut names = folder.texts(&times, "sample");
+        names.sort();
+        assert_eq!(names, folder.texts(&format!("{out}/iter1/samples.txt"), "description"));
+        let [seconds, processor] =
+            ["seconds", "processor_seconds"].map(|column| folder.column(&times, column));
+        assert!(seconds.iter().all(|seconds| (1e-4..60.0).contains(seconds)), "{seconds:?}");
+        assert!(processor.iter().sum::<f64>() > 0.0, "{processor:?}");
+        assert_eq!(folder.column(&times, "exit"), [0.0; 6]);
+        folder.run(&format!("gl-report case -o {out}"));
+        let page = folder.read(&format!("{out}/report.html"));
+        assert!(
+            page.contains("12 runs: calibration; ") && page.contains(" each (median of 12), "),
+            "{packed}"
+        );
+    }
+    // A run that is tried again is added.
+    std::fs::remove_file(folder.path("out0/iter1/ensemble.txt")).unwrap();
+    let name = &folder.texts("out0/iter1/samples.txt", "description")[3];
+    std::fs::remove_file(folder.path(&format!("out0/iter1/runs/{name}_sim.txt"))).unwrap();
+    finish(calibrate(&folder, "local", "out0").args(["packed=false"]).env("PATH", &path));
+    let again = folder.texts("out0/iter1/runs/times.txt", "sample");
+    assert_eq!((again.len(), again.last()), (7, Some(name)));
+    for i in 0..2 {
+        std::fs::remove_file(folder.path(&format!("out0/iter{i}/runs/times.txt"))).unwrap();
+    }
+    folder.run("gl-report case -o out0");
+    assert!(
+        folder.read("out0/report.html").contains("12 runs: calibration; how long they took is not known")
+    );
+}
+
+#[test]
+fn a_simulator_of_the_whole_table_says_itself_what_its_runs_took() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &[("num", "8"), ("iterations", "1")]);
+    finish(&mut calibrate(&folder, "embedded", "out"));
+    let samples = folder.texts("out/iter0/samples.txt", "description");
+    assert_eq!(folder.texts("out/iter0/runs/times.txt", "sample"), samples);
 }
 
 #[test]

@@ -33,7 +33,16 @@ pub fn parse<A: Parser>() -> A {
         let outcome = finish(&name, generate(&mut command, &what));
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
-    let arguments = A::parse();
+    let arguments = A::try_parse().unwrap_or_else(|error| {
+        // A help text that goes nowhere.
+        match gl_table::print("") {
+            Err(closed) if !error.use_stderr() => {
+                note(A::command().get_name(), closed);
+                process::exit(2)
+            }
+            _ => error.exit(),
+        }
+    });
     follow_driver();
     if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
         gl_progress::watch(Box::new(line));
@@ -61,17 +70,17 @@ fn generate(command: &mut Command, what: &[&str]) -> Result<()> {
         ["bash"] => Shell::Bash,
         ["zsh"] => Shell::Zsh,
         ["fish"] => Shell::Fish,
-        ["man"] => return Ok(clap_mangen::Man::new(command.clone()).render(&mut io::stdout())?),
+        ["man"] => return man(command),
         ["man", kind] => {
             command.build();
             let found = command.find_subcommand(kind);
             let kind =
                 found.with_context(|| format!("--generate man {kind}: {name} has no such subcommand"))?;
-            return Ok(clap_mangen::Man::new(kind.clone()).render(&mut io::stdout())?);
+            return man(kind);
         }
         ["kinds"] => {
-            let kinds = command.get_subcommands().map(|kind| kind.get_name().to_owned() + "\n");
-            return Ok(io::stdout().write_all(kinds.collect::<String>().as_bytes())?);
+            let kinds = command.get_subcommands().filter(|kind| !kind.is_hide_set());
+            return gl_table::print(&kinds.map(|kind| kind.get_name().to_owned() + "\n").collect::<String>());
         }
         _ => bail!("--generate {}: give man, bash, zsh or fish", what.join(" ")),
     };
@@ -82,7 +91,13 @@ fn generate(command: &mut Command, what: &[&str]) -> Result<()> {
         &format!("{}__subcmd__", name.replace('-', "__subcmd__")),
         &format!("{}__subcmd__", name.replace('-', "__")),
     );
-    Ok(io::stdout().write_all(text.as_bytes())?)
+    gl_table::print(&text)
+}
+
+fn man(command: &Command) -> Result<()> {
+    let mut text = Vec::new();
+    clap_mangen::Man::new(command.clone()).render(&mut text)?;
+    gl_table::print(&String::from_utf8_lossy(&text))
 }
 
 /// An argument that is a number and not negative.

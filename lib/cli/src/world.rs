@@ -1,11 +1,13 @@
 //! What the embedded simulators have in common on the command line.
 
-use std::path::PathBuf;
+use std::env;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
 use gl_inference::observations::ByName;
 use gl_inference::samples::Samples;
+use gl_inference::times::RunTime;
 use gl_table::Table;
 use gl_world::{self as world, World};
 
@@ -87,6 +89,9 @@ impl Shell {
         let report = world::run_samples(world, &Samples::from_table(&Table::read(samples)?)?, dir)?;
         for message in report.messages() {
             crate::note(tool, message);
+        }
+        if let Some(times) = env::var_os("GL_TIMES").filter(|path| !path.is_empty()) {
+            RunTime::add(Path::new(&times), report.times)?;
         }
         Ok(())
     }

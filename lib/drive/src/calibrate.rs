@@ -54,6 +54,8 @@ pub fn from_one(text: &str) -> Result<usize> {
 /// # Errors
 /// If the case is wrong, or a step fails.
 pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Result<Progress> {
+    // What it cannot say it is to find out before the runs.
+    gl_table::print("")?;
     let case = request.load()?;
     let known = known.map(|folder| Known::new(&case, folder)).transpose()?;
     let (engine, model) = case.engine(request.engine)?;
@@ -137,7 +139,5 @@ pub fn done(out: &Path) -> usize {
 
 /// A line on stdout.
 pub(crate) fn say(line: String) -> Result<()> {
-    use std::io::Write;
-    let mut stdout = std::io::stdout();
-    Ok(writeln!(stdout, "{line}").and_then(|()| stdout.flush())?)
+    gl_table::print(&format!("{line}\n"))
 }

@@ -28,6 +28,8 @@ pub struct Call {
     pub packed: bool,
     /// Where the runs have their scratch folders, which must be there; in `dir` if absent.
     pub scratch: Option<PathBuf>,
+    /// The table that gets how long each run took ([`gl_inference::times`]).
+    pub times: Option<PathBuf>,
 }
 
 /// A call that can be run: everything is checked, and the folder of the runs is there.
@@ -58,6 +60,7 @@ impl Call {
             "{}: the path has a colon, with which Python finds no gl_yade there; use another name",
             dir.display()
         );
+        let times = self.times.as_deref().map(std::path::absolute).transpose().context("--times")?;
         let folder = RunFolder::create(&dir)?;
         let job = Job {
             model,
@@ -68,6 +71,7 @@ impl Call {
             packed: self.packed,
             threads: 1,
             gl_run,
+            times,
         };
         Ok(Batch { table, job, folder })
     }

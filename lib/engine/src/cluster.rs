@@ -558,6 +558,7 @@ mod tests {
             limit: Limit::default(),
             packed: false,
             scratch: None,
+            times: None,
         };
         let batch = call.check().unwrap();
         let does = does.iter().rev().copied().collect();

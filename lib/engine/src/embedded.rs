@@ -13,7 +13,8 @@ use crate::call::Call;
 use crate::folder::RunFolder;
 use crate::model::{command_words, find_program, path_with_own};
 
-/// Become `MODEL -s SAMPLES DIR`, which makes the two files of each row and leaves out runs that are complete.
+/// Become `MODEL -s SAMPLES DIR`, which makes the two files of each row and leaves out runs that are complete. It alone
+/// knows how long a run takes, and adds that to the table that is named in `GL_TIMES`, if it likes.
 ///
 /// Returns only where that cannot be: with the reason.
 pub fn become_model(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Error {
@@ -42,6 +43,9 @@ fn prepare(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Result<(RunFold
     folder.lock(say)?;
     let mut command = Command::new(path);
     command.args(arguments).arg("-s").arg(&call.samples).arg(&call.dir).env("PATH", path_with_own());
+    if let Some(times) = &call.times {
+        command.env("GL_TIMES", std::path::absolute(times).context("--times")?);
+    }
     if let Some(jobs) = jobs {
         command.env("RAYON_NUM_THREADS", jobs.to_string());
     }

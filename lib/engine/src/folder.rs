@@ -11,6 +11,7 @@ use rustix::io::{Errno, FdFlags, fcntl_setfd};
 
 use crate::Say;
 use crate::batch_table::BatchTable;
+use crate::times;
 
 /// What Yade scripts import.
 const GL_YADE: &str = include_str!("../../../scripts/gl_yade.py");
@@ -25,6 +26,7 @@ const GL_YADE: &str = include_str!("../../../scripts/gl_yade.py");
 /// | `job.json` | [`crate::job::Job`], how a row is run |
 /// | `gl_yade.py` | what Yade scripts import |
 /// | `NAME.running` | which process or task a run is in; left behind by one that was killed |
+/// | `times.HOST` | how long runs took on a machine |
 /// | `jobs`, `engine` | of an engine with a queue: what was submitted, and by which engine |
 #[derive(Debug)]
 pub struct RunFolder {
@@ -125,12 +127,13 @@ impl RunFolder {
         rows.iter().try_for_each(|&row| remove(&self.dir.join(format!("{}.status", table.name(row)))))
     }
 
-    /// Remove `.run`.
+    /// Remove `.run`, and keep how long the runs took.
     ///
     /// # Errors
-    /// If it cannot be removed.
+    /// If it cannot be removed, or the table of times not be written.
     pub fn end(&self) -> Result<()> {
         let work = self.work();
+        times::keep(&work)?;
         match fs::remove_dir_all(&work) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 Err(error).with_context(|| format!("{}: cannot be removed", work.display()))

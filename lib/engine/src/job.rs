@@ -33,6 +33,8 @@ pub struct Job {
     pub threads: usize,
     /// The program `gl-run`.
     pub gl_run: PathBuf,
+    /// The table that gets how long each run took.
+    pub times: Option<PathBuf>,
 }
 
 const FILE: &str = "job.json";
@@ -130,6 +132,7 @@ mod tests {
             packed: true,
             threads: 3,
             gl_run: "/bin/gl-run".into(),
+            times: None,
         };
         fs::create_dir(job.work()).unwrap();
         job.save().unwrap();

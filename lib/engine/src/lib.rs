@@ -48,6 +48,7 @@ pub mod row;
 pub mod scheduler;
 pub mod slurm;
 pub mod standing;
+mod times;
 pub mod yade_batch;
 
 /// Whoever hears what an engine has to say while it works.

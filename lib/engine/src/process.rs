@@ -60,6 +60,17 @@ pub enum Ending {
     Terminated,
 }
 
+impl Ending {
+    /// The exit code that the status of a run has.
+    pub fn code(self) -> i32 {
+        match self {
+            Self::Exited(code) => code,
+            Self::TimedOut => 124,
+            Self::Terminated => 143,
+        }
+    }
+}
+
 enum Event {
     Ended,
     Terminate,

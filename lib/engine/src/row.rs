@@ -20,6 +20,7 @@ use crate::job::Job;
 use crate::model::{Model, path_with_own};
 use crate::process::{Ending, Termination, keep_log, supervise, tied};
 use crate::publish::{Packer, publish, put_status};
+use crate::times::Clock;
 
 /// Where the log of a run goes, and who runs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,11 +80,7 @@ struct Status {
 
 impl Status {
     fn code(&self) -> i32 {
-        match self.ending {
-            Ending::Exited(code) => code,
-            Ending::TimedOut => 124,
-            Ending::Terminated => 143,
-        }
+        self.ending.code()
     }
 
     /// An exit code, and a word where it was not the model that ended it, or it left no complete run.
@@ -119,7 +116,9 @@ impl Run<'_> {
         for ending in ["_sim.txt", "_param.txt", ".status"] {
             folder::remove(&file(dir, self.name, ending))?;
         }
+        let clock = Clock::start()?;
         let ending = self.supervise(scratch.path(), termination)?;
+        clock.stop(self.job, self.name, &ending)?;
         let mut status = Status { ending, flaw: None };
         if ending == Ending::Exited(0) {
             status.flaw = self.flaw(scratch.path())?;

@@ -235,7 +235,10 @@ impl Axis {
             .filter(|power| power.rem_euclid(stride as i32) == 0)
             .map(|power| (10.0_f64.powi(power), format!("10{}", superscript(power))))
             .collect();
-        let minor = if stride > 1 {
+        // Where each decade had one, many would be a thick line.
+        let minor = if stride > MOST_STRIDE {
+            Vec::new()
+        } else if stride > 1 {
             (first..=last).map(|power| 10.0_f64.powi(power)).collect()
         } else {
             (first - 1..=last)
@@ -269,6 +272,9 @@ impl Axis {
         self.ticks.iter().map(|(_, text)| font::width(text, SMALL)).fold(0.0, f64::max)
     }
 }
+
+/// The most decades from one number on an axis to the next that still have marks between them.
+const MOST_STRIDE: usize = 10;
 
 /// Multiples of 1, 2 or 5 times a power of ten: as many as there may be, at most `most`.
 fn multiples(span: Span, most: usize) -> Vec<f64> {
@@ -338,6 +344,14 @@ mod tests {
         assert_eq!(labels(0.0, 1.0, false), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
         assert_eq!(labels(-0.03, 0.21, false), ["0.00", "0.05", "0.10", "0.15", "0.20"]);
         assert_eq!(labels(-2.0, 2.0, false), ["−2", "−1", "0", "1", "2"]);
+    }
+
+    #[test]
+    fn many_decades_have_no_marks_between_their_numbers() {
+        let minor =
+            |high: f64| Axis::horizontal(Span { low: 1.0, high, log: true }, Label::new("x"), 60.0).minor;
+        assert_eq!(minor(1e10).len(), 11);
+        assert!(minor(1e90).is_empty());
     }
 
     #[test]

@@ -68,21 +68,35 @@ pub fn with_sd(value: f64, sd: f64) -> String {
     if exponent == 0 { format!("{value} ± {sd}") } else { format!("({value} ± {sd}){}", power(exponent)) }
 }
 
-/// An interval: `9.2256 – 9.2267`.
-pub fn interval(low: f64, high: f64) -> String {
+/// Numbers of a logarithmic scale lie so far apart that they share neither digits nor a power of ten: by two decades.
+fn are_decades_apart(low: f64, high: f64) -> bool {
+    low > 0.0 && high > 100.0 * low
+}
+
+/// An interval: `9.2256 – 9.2267`; on a logarithmic scale also `2.5·10⁷ – 6.9·10¹⁰`.
+pub fn interval(low: f64, high: f64, is_log: bool) -> String {
     if low == high {
         return significant(low, 4);
+    }
+    if is_log && are_decades_apart(low, high) {
+        return format!("{} – {}", significant(low, 2), significant(high, 2));
     }
     let ([low, high], exponent) = alike([low, high], (high - low) / 3.3);
     if exponent == 0 { format!("{low} – {high}") } else { format!("({low} – {high}){}", power(exponent)) }
 }
 
-/// A mean with its interval, as much of it as there is room for: `9.2262 (9.2256 – 9.2267)`, or `9.2262`.
-pub fn estimate(mean: f64, low: f64, high: f64, fits: impl Fn(&str) -> bool) -> String {
+/// A mean with its interval, as much of it as there is room for: `9.2262 (9.2256 – 9.2267)`, or `9.2262`; see
+/// [`interval`].
+pub fn estimate(mean: f64, (low, high): (f64, f64), is_log: bool, fits: impl Fn(&str) -> bool) -> String {
     if low == high {
         return significant(mean, 4);
     }
-    let ([mean, low, high], exponent) = alike([mean, low, high], (high - low) / 3.3);
+    let is_apart = is_log && are_decades_apart(low, high);
+    let ([mean, low, high], exponent) = if is_apart {
+        ([mean, low, high].map(|value| significant(value, 2)), 0)
+    } else {
+        alike([mean, low, high], (high - low) / 3.3)
+    };
     let power = power(exponent);
     let forms = [
         format!("{mean} ({low} – {high}){power}"),
@@ -131,13 +145,22 @@ mod tests {
     }
 
     #[test]
+    fn decades_apart_on_a_logarithmic_scale_nothing_is_zero() {
+        assert_eq!(interval(2.5e7, 6.9e10, true), "2.5·10⁷ – 6.9·10¹⁰");
+        assert_eq!(interval(0.02, 1.5, true), "0.02 – 1.50");
+        assert_eq!(interval(0.001, 2.3, false), "0.00 – 2.30");
+        let told = |fits: fn(&str) -> bool| estimate(346.0, (2e-8, 2364.0), true, fits);
+        assert_eq!([told(|_| true), told(|_| false)], ["350 (2·10⁻⁸ – 2400)", "350"]);
+    }
+
+    #[test]
     fn a_value_has_the_digits_that_its_spread_leaves() {
         assert_eq!(with_sd(9.226_2, 0.000_34), "9.22620 ± 0.00034");
         assert_eq!(with_sd(1.5e11, 2.34e9), "(150.0 ± 2.3)·10⁹");
         assert_eq!(with_sd(0.3, 0.0), "0.3");
-        assert_eq!(interval(-0.6, 12.0), "−0.6 – 12.0");
-        assert_eq!(interval(0.0, 0.0), "0");
-        assert_eq!(estimate(1.5e11, 1.46e11, 1.54e11, |_| true), "150.0 (146.0 – 154.0)·10⁹");
-        assert_eq!(estimate(0.3, 0.1, 0.5, |_| false), "0.30");
+        assert_eq!(interval(-0.6, 12.0, false), "−0.6 – 12.0");
+        assert_eq!(interval(0.0, 0.0, false), "0");
+        assert_eq!(estimate(1.5e11, (1.46e11, 1.54e11), true, |_| true), "150.0 (146.0 – 154.0)·10⁹");
+        assert_eq!(estimate(0.3, (0.1, 0.5), false, |_| false), "0.30");
     }
 }

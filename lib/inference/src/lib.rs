@@ -5,7 +5,7 @@
 //! | step of the work | modules |
 //! | --- | --- |
 //! | what may vary, and which samples to run | [`prior`], [`design`], [`samples`] |
-//! | what was measured, what the runs gave | [`observations`], [`collect`], [`alignment`], [`ensemble`], [`stack`] |
+//! | what was measured, what the runs gave | [`observations`], [`collect`], [`times`], [`alignment`], [`ensemble`], [`stack`] |
 //! | how far each run is from the measurement | [`misfit`] |
 //! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`loo`], [`stop`] |
 //! | the next samples | [`mixture`], [`proposal`], [`resample`] |
@@ -30,6 +30,7 @@ pub mod samples;
 pub mod stack;
 pub mod stop;
 pub mod summary;
+pub mod times;
 pub mod weights;
 
 pub use anyhow::Result;

@@ -37,9 +37,11 @@ pub fn predict(ensemble: &Ensemble, weights: &[f64]) -> Result<Vec<Vec<Moments>>
             runs.iter().map(|&run| ensemble.curve_sd(run, j).map(|sd| sd[step])).collect();
         moments(&values, sds.as_deref(), &weights)
     };
-    Ok((0..ensemble.observables.len())
-        .map(|j| (0..ensemble.steps()).into_par_iter().map(|step| at_step(j, step)).collect())
-        .collect())
+    // All at once: a table may have a hundred thousand columns of few steps each.
+    let (observables, steps) = (ensemble.observables.len(), ensemble.steps());
+    let all: Vec<Moments> =
+        (0..observables * steps).into_par_iter().map(|i| at_step(i / steps, i % steps)).collect();
+    Ok((0..observables).map(|j| all[j * steps..(j + 1) * steps].to_vec()).collect())
 }
 
 fn moments(values: &[f64], sds: Option<&[f64]>, weights: &[f64]) -> Moments {

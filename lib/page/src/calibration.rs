@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use gl_figure::number::{interval, short, significant, with_sd};
-use gl_inference::prior::Prior;
+use gl_inference::prior::{Prior, Scale};
 use gl_inference::summary::Summary;
 use gl_table::Table;
 use serde::Serialize;
@@ -63,6 +63,8 @@ pub struct Estimate {
     pub left: f64,
     /// −1 or 1 where it leans on its lower or upper bound, else 0.
     pub lean: f64,
+    /// Whether its scale is logarithmic.
+    pub is_log: bool,
 }
 
 impl Estimate {
@@ -166,14 +168,12 @@ impl Calibration {
     /// # Errors
     /// If the summary lacks a quantity.
     pub fn estimates(&self, prior: &Prior) -> Result<Vec<Estimate>> {
-        let unit = |name: &str| {
-            let known = prior.parameters().iter().find(|parameter| parameter.name == name);
-            known.and_then(|parameter| parameter.unit.clone()).unwrap_or_default()
-        };
+        let known = |name: &str| prior.parameters().iter().find(|parameter| parameter.name == name);
         let estimate = |name: String| {
             let of = |quantity: &str| self.posterior.number(&format!("{quantity}({name})"));
             Ok(Estimate {
-                unit: unit(&name),
+                unit: known(&name).and_then(|parameter| parameter.unit.clone()).unwrap_or_default(),
+                is_log: known(&name).is_some_and(|parameter| parameter.scale == Scale::Log),
                 mean: of("mean")?,
                 sd: of("sd")?,
                 low: of("q05")?,
@@ -196,7 +196,7 @@ impl Calibration {
             vec![
                 estimate.label(),
                 with_sd(estimate.mean, estimate.sd),
-                interval(estimate.low, estimate.high),
+                interval(estimate.low, estimate.high, estimate.is_log),
                 significant(estimate.best, 4),
                 format!("{} %", short(100.0 * estimate.left)),
                 estimate.told(),
@@ -277,8 +277,8 @@ pub fn side_by_side(before: &Calibration, after: &Calibration, prior: &Prior, wi
             estimate.label(),
             old.map_or("off".to_owned(), |old| with_sd(old.mean, old.sd)),
             with_sd(estimate.mean, estimate.sd),
-            old.map_or("-".to_owned(), |old| interval(old.low, old.high)),
-            interval(estimate.low, estimate.high),
+            old.map_or("-".to_owned(), |old| interval(old.low, old.high, old.is_log)),
+            interval(estimate.low, estimate.high, estimate.is_log),
             shift
                 .filter(|shift| shift.is_finite())
                 .map_or("-".to_owned(), |shift| format!("{} sd", short(shift))),

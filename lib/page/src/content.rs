@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_figure::number::significant;
 use gl_inference::collect::RunStatus;
+use gl_inference::times::{TIMES, Took};
 use serde::Serialize;
 
 use crate::calibration::{Calibration, Standing, side_by_side};
@@ -45,6 +47,8 @@ struct Runs {
     what: String,
     made: usize,
     failed: usize,
+    /// How long they took.
+    time: String,
 }
 
 /// What was calibrated.
@@ -186,7 +190,7 @@ impl Content {
             answer: None,
             conclusions: Vec::new(),
             doubts: Vec::new(),
-            runs: runs(&base_stage, closed.as_ref(), out)?,
+            runs: runs(case, (&base, &base_stage), closed.as_ref(), after.as_ref(), out)?,
             case: About::gather(case, &base)?,
             gap,
             cause,
@@ -445,23 +449,69 @@ impl Again {
     }
 }
 
-/// How many runs each part took.
-fn runs(base: &Stage, closed: Option<&Closed>, out: &Path) -> Result<Vec<Runs>> {
-    let of = |what: &str, standing: &Standing| Runs {
-        what: what.to_owned(),
-        made: standing.runs,
-        failed: standing.failed,
+/// How many runs each part took, and how long.
+fn runs(
+    case: &Case,
+    (base, base_stage): (&Calibration, &Stage),
+    closed: Option<&Closed>,
+    after: Option<&Calibration>,
+    out: &Path,
+) -> Result<Vec<Runs>> {
+    let of = |what: &str, standing: &Standing, calibration: &Calibration| {
+        let time = time(case, &calibration.iterations)?;
+        Ok::<_, anyhow::Error>(Runs {
+            what: what.to_owned(),
+            made: standing.runs,
+            failed: standing.failed,
+            time,
+        })
     };
-    let mut runs = vec![of("calibration", &base.standing)];
+    let mut runs = vec![of("calibration", &base_stage.standing, base)?];
     let design: PathBuf = out.join("design");
     if design.join("samples.txt").exists() {
         let failed = failed_runs(&design.join("status.txt"))?.len();
-        runs.push(Runs { what: "design".to_owned(), made: rows(&design.join("samples.txt"))?, failed });
+        let rounds: Vec<_> =
+            (1..).map(|i| design.join(format!("round{i}"))).take_while(|round| round.exists()).collect();
+        let made = rows(&design.join("samples.txt"))?;
+        runs.push(Runs { what: "design".to_owned(), made, failed, time: time(case, &rounds)? });
     }
-    if let Some((closed, measured)) = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?))) {
-        runs.push(of(&format!("with {}", closed.with), &measured.stage.standing));
+    let measured = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?)));
+    if let (Some((closed, measured)), Some(after)) = (measured, after) {
+        runs.push(of(&format!("with {}", closed.with), &measured.stage.standing, after)?);
     }
     Ok(runs)
+}
+
+/// How long the runs of some iterations or rounds took.
+fn time(case: &Case, folders: &[PathBuf]) -> Result<String> {
+    let of = |folder: &PathBuf| {
+        let names: Vec<&str> = match case.tests.as_slice() {
+            [] => vec![""],
+            tests => tests.iter().map(|test| test.name.as_str()).collect(),
+        };
+        names.into_iter().map(|name| folder.join(name).join("runs").join(TIMES)).collect::<Vec<_>>()
+    };
+    Ok(match Took::of(folders.iter().flat_map(of))? {
+        None => "how long they took is not known".to_owned(),
+        Some(took) => format!(
+            "{} each (median of {}), {} of processor time in all",
+            duration(took.median_seconds),
+            took.runs,
+            duration(took.processor_seconds)
+        ),
+    })
+}
+
+/// A time for a reader.
+fn duration(seconds: f64) -> String {
+    let (number, unit) = match seconds {
+        s if s < 1e-3 => (1e6 * s, "µs"),
+        s if s < 1.0 => (1e3 * s, "ms"),
+        s if s < 100.0 => (s, "s"),
+        s if s < 6000.0 => (s / 60.0, "min"),
+        s => (s / 3600.0, "h"),
+    };
+    format!("{} {unit}", significant(number, 2))
 }
 
 /// The effects that were put in: nothing where none explains the gap, `None` before that is known.
@@ -522,6 +572,12 @@ mod tests {
         assert_eq!(first_paragraph("# Title\n"), None);
         let markdown = "As [that](../that#a), [x] and [y](.) of a[1](b) [z](\n";
         assert_eq!(first_paragraph(markdown).unwrap(), "As that, [x] and y of a1 [z](");
+    }
+
+    #[test]
+    fn times_are_told_in_the_unit_that_fits() {
+        let told = [0.0, 2.13e-4, 0.0123, 59.2, 100.0, 5999.0, 7200.0].map(duration);
+        assert_eq!(told, ["0 µs", "210 µs", "12 ms", "59 s", "1.7 min", "100 min", "2 h"]);
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! fast way instead: [`Rows`] and [`RunTable`]. Both ways give the same rows and the same errors.
 
 mod cursor;
+mod pipe;
 mod read;
 mod row;
 mod runs;
@@ -24,7 +25,8 @@ pub use read::{Format, LARGEST, Rows, open, parse_number, read_bytes};
 pub use runs::{Flaw, PieceRows, RunTable};
 pub use whole::Table;
 pub use write::{
-    Sink, TableWriter, appears_whole, number, optional_number, push_number, rounded, text, write_rows, yes_no,
+    Sink, TableWriter, appears_whole, number, optional_number, print, push_number, rounded, text, write_rows,
+    yes_no,
 };
 
 pub use anyhow::{Error, Result};

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::cursor::Cursor;
+use super::pipe::Stdin;
 use super::runs::PieceRows;
 use super::write::INCOMPLETE;
 
@@ -308,7 +309,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read + Send>> {
             !STDIN_TAKEN.swap(true, Ordering::Relaxed),
             "two inputs are to come from stdin; give one of them as a file"
         );
-        return Ok(Box::new(io::stdin()));
+        return Ok(Box::new(Stdin(io::stdin())));
     }
     let file = File::open(path).with_context(|| format!("{}: cannot be opened", path.display()))?;
     Ok(Box::new(file))

@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 use serde::{Serialize, Serializer};
 use tempfile::{Builder, NamedTempFile};
 
+use super::pipe::mark_stdout;
 use super::row::columns_of;
 
 /// Append the shortest decimal that reads back to the same `f64`.
@@ -30,7 +31,8 @@ pub fn push_number(text: &mut Vec<u8>, value: f64) {
 ///
 /// A file is written beside its destination under a name of its own, made for it alone, and renamed by
 /// [`Sink::finish`]; one that is never finished is removed. Of a table on standard output that is never finished
-/// nothing comes out, or, where much of it has gone already, a last line that no table has.
+/// nothing comes out, or, where much of it has gone already, a last line that no table has; and a pipe is left with a mark
+/// ([`crate::pipe`]), however this program ends.
 #[derive(Debug)]
 pub struct Sink {
     name: String,
@@ -78,6 +80,20 @@ fn stdout_is_closed() -> bool {
         && flags().is_some_and(|flags| flags & 3 == READ_WRITE)
 }
 
+/// Write to standard output what is no table.
+///
+/// # Errors
+/// If it is closed, or cannot be written.
+pub fn print(text: &str) -> Result<()> {
+    ensure!(!stdout_is_closed(), CLOSED);
+    let mut stdout = io::stdout();
+    stdout.write_all(text.as_bytes())?;
+    Ok(stdout.flush()?)
+}
+
+/// What is said where standard output is closed.
+const CLOSED: &str = "stdout is closed; give -o FILE, or let stdout go somewhere";
+
 impl Sink {
     /// Standard output if `path` is absent or `-`, else the file at `path`.
     ///
@@ -85,7 +101,8 @@ impl Sink {
     /// If the file cannot be created, or standard output is closed.
     pub fn create(path: Option<&Path>) -> Result<Self> {
         let Some(path) = path.filter(|path| *path != Path::new("-")) else {
-            ensure!(!stdout_is_closed(), "stdout is closed; give -o FILE, or let stdout go somewhere");
+            ensure!(!stdout_is_closed(), CLOSED);
+            mark_stdout(true);
             let writer = BufWriter::with_capacity(BUFFER, io::stdout());
             return Ok(Self { name: "stdout".to_owned(), inner: Inner::Stdout { writer, count: 0 } });
         };
@@ -115,7 +132,11 @@ impl Sink {
     pub fn finish(mut self) -> Result<()> {
         let cannot = format!("{}: cannot be written", self.name);
         match std::mem::replace(&mut self.inner, Inner::Finished) {
-            Inner::Stdout { mut writer, .. } => writer.flush().context(cannot),
+            Inner::Stdout { mut writer, .. } => {
+                writer.flush().context(cannot)?;
+                mark_stdout(false);
+                Ok(())
+            }
             Inner::Special(mut writer) => writer.flush().context(cannot),
             Inner::File { writer, destination } => {
                 let part = writer.into_inner().map_err(io::IntoInnerError::into_error);

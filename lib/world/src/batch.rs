@@ -1,13 +1,16 @@
 use std::fs;
 use std::path::Path;
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
+use rustix::time::{ClockId, clock_gettime};
 
 use super::{Curves, World, add_noise, inputs, places, simulate};
 use gl_inference::collect::completeness;
 use gl_inference::observations::ByName;
 use gl_inference::samples::Samples;
+use gl_inference::times::RunTime;
 use gl_table::{Table, TableWriter};
 
 /// What became of the runs of a samples table.
@@ -19,6 +22,8 @@ pub struct Report {
     pub kept: usize,
     /// Runs without a result, with the reason.
     pub failed: Vec<String>,
+    /// How long each run took that was tried now.
+    pub times: Vec<RunTime>,
 }
 
 impl Report {
@@ -28,6 +33,33 @@ impl Report {
         lines.push(format!("{} runs done, {} kept, {} failed", self.done, self.kept, self.failed.len()));
         lines
     }
+}
+
+/// Measures a run, which is one thread's.
+struct Clock {
+    begin: Instant,
+    processor: f64,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self { begin: Instant::now(), processor: thread_seconds() }
+    }
+
+    fn stop(&self, sample: &str, has_failed: bool) -> RunTime {
+        RunTime {
+            sample: sample.to_owned(),
+            seconds: self.begin.elapsed().as_secs_f64(),
+            processor_seconds: (thread_seconds() - self.processor).max(0.0),
+            exit: i64::from(has_failed),
+        }
+    }
+}
+
+/// Processor time of this thread so far, s.
+fn thread_seconds() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 enum Fate {
@@ -46,18 +78,24 @@ pub fn run_samples(world: &dyn World, samples: &Samples, dir: &Path) -> Result<R
     let places = places(world, &samples.parameters).with_context(|| format!("{}:1", samples.source))?;
     fs::create_dir_all(dir).with_context(|| format!("{}: cannot be made a folder", dir.display()))?;
     let there = completeness(samples, dir)?;
-    let fates: Vec<Fate> = (samples.names.par_iter(), samples.values.par_iter(), there.par_iter())
+    let fates: Vec<(Fate, RunTime)> = (samples.names.par_iter(), samples.values.par_iter(), there.par_iter())
         .into_par_iter()
         .map(|(name, values, there)| {
             let mut inputs: Vec<f64> = world.inputs().iter().map(|input| input.default).collect();
             for (&place, &value) in places.iter().zip(values) {
                 inputs[place] = value;
             }
-            run_sample(world, name, &inputs, dir, there.is_ok())
+            let clock = Clock::start();
+            let fate = run_sample(world, name, &inputs, dir, there.is_ok())?;
+            let time = clock.stop(name, matches!(fate, Fate::Failed(_)));
+            Ok((fate, time))
         })
         .collect::<Result<_>>()?;
     let mut report = Report::default();
-    for fate in fates {
+    for (fate, time) in fates {
+        if !matches!(fate, Fate::Kept) {
+            report.times.push(time);
+        }
         match fate {
             Fate::Done => report.done += 1,
             Fate::Kept => report.kept += 1,

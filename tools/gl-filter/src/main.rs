@@ -2,6 +2,7 @@
 
 mod course;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -9,6 +10,7 @@ use std::str::FromStr;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::{conclude, note};
+use gl_inference::collect::RunStatus;
 use gl_inference::filter::{NoiseModel, Runs, Target, Weighting, weigh, weigh_emulated};
 use gl_inference::misfit::{Incomplete, Misfits, Partial};
 use gl_inference::prior::{Parameter, Prior};
@@ -66,6 +68,10 @@ struct Args {
     /// Where the conclusions go, besides stderr: code value text
     #[arg(long, value_name = "FILE")]
     verdict: Option<PathBuf>,
+    /// What became of the runs (gl-collect --status): a sample without a misfit that did not fail is then an error, as
+    /// where the writer of the misfits was killed; may be repeated
+    #[arg(long, value_name = "FILE")]
+    status: Vec<PathBuf>,
     /// Count a sample that failed in one test by its others: this assumes that it would have fitted that one as
     /// well as them, reading for reading. Without it such samples are left out
     #[arg(long)]
@@ -116,6 +122,7 @@ fn run(args: &Args) -> Result<()> {
     let all_tests = if incomplete.is_empty() { "" } else { " that ran in all tests" };
     ensure!(!misfits.is_empty(), "{}: no runs{all_tests} to weigh", misfits.source);
 
+    check_status(args, &samples, &misfits, &incomplete)?;
     let places = places(&samples, &misfits)?;
     let mut used = vec![false; samples.len()];
     places.iter().for_each(|&i| used[i] = true);
@@ -160,6 +167,26 @@ fn run(args: &Args) -> Result<()> {
         values: &values,
     };
     write(args, &course, &summary)
+}
+
+/// See to it that what has no misfit has failed, where it is known what has.
+fn check_status(args: &Args, samples: &Samples, misfits: &Misfits, incomplete: &[Incomplete]) -> Result<()> {
+    let Some(first) = args.status.first() else { return Ok(()) };
+    let mut failed = HashSet::new();
+    for path in &args.status {
+        failed.extend(RunStatus::failed(path)?.into_iter().map(|run| run.sample));
+    }
+    let known: HashSet<&String> = misfits.samples.iter().collect();
+    let in_no_test = samples.names.iter().filter(|name| !known.contains(name));
+    let mut lacking = in_no_test.chain(incomplete.iter().flat_map(|test| &test.samples));
+    if let Some(name) = lacking.find(|name| !failed.contains(*name)) {
+        bail!(
+            "{}: no misfit of {name}, which did not fail by {}; was the table cut off?",
+            misfits.source,
+            first.display()
+        );
+    }
+    Ok(())
 }
 
 /// The weights that were asked for: at a sigma, or at the one of an effective sample size.
@@ -280,6 +307,9 @@ fn main() -> ExitCode {
     let args: Args = gl_cli::parse();
     gl_cli::finish(
         "gl-filter",
-        gl_cli::about(run(&args), args.misfits.iter().chain(&args.samples).chain(&args.params)),
+        gl_cli::about(
+            run(&args),
+            args.misfits.iter().chain(&args.samples).chain(&args.params).chain(&args.status),
+        ),
     )
 }

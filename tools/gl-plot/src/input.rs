@@ -7,7 +7,7 @@ use gl_inference::observations::ByName;
 use gl_inference::prior::{Parameter, Prior, Scale};
 use gl_inference::summary::Summary;
 use gl_inference::weights::Weights;
-use gl_numeric::statistics::{Quantiles, mean};
+use gl_numeric::statistics::{Quantiles, mean, shortest_interval};
 
 use gl_figure::axis::{Label, SMALL, Span};
 use gl_figure::{font, number};
@@ -85,32 +85,64 @@ pub struct Estimate {
     /// Ends of the 90 % interval.
     pub low: f64,
     pub high: f64,
+    /// Whether that is the shortest one, which leaves out more on one side than on the other.
+    pub is_shortest: bool,
+    /// Whether the scale of the parameter is logarithmic.
+    pub is_log: bool,
 }
 
+/// The shortest interval is taken where it is shorter than the one with 5 % on either side by this.
+const SKEWED: f64 = 0.1;
+/// Of fewer effective samples the shortest interval is one that chance made short.
+const ENOUGH_FOR_SHORTEST: f64 = 200.0;
+
 impl Estimate {
-    /// What a summary says, which allows for few runs, else what weights say.
+    /// What a summary says, which allows for few runs, else what weights say. Where they are skewed and many, the
+    /// interval is the shortest one, along the scale of the parameter.
     ///
     /// # Errors
     /// If the summary lacks the parameter.
-    pub fn of(summary: Option<&Summary>, name: &str, values: &[f64], weights: &[f64]) -> Result<Self> {
-        let Some(summary) = summary else {
-            let quantiles = Quantiles::new(values, weights);
-            return Ok(Self {
-                mean: mean(values, weights),
-                low: quantiles.at(0.05),
-                high: quantiles.at(0.95),
-            });
+    pub fn of(
+        summary: Option<&Summary>,
+        (name, is_log): (&str, bool),
+        values: &[f64],
+        weights: &[f64],
+    ) -> Result<Self> {
+        let quantiles = Quantiles::new(values, weights);
+        let even = Self {
+            mean: mean(values, weights),
+            low: quantiles.at(0.05),
+            high: quantiles.at(0.95),
+            is_shortest: false,
+            is_log,
         };
+        let is_enough =
+            weights.iter().map(|weight| weight * weight).sum::<f64>() * ENOUGH_FOR_SHORTEST <= 1.0;
+        let shortest = if is_enough { even.shortest(values, weights) } else { None };
+        let Some(summary) = summary else { return Ok(shortest.unwrap_or(even)) };
         let number = |kind: &str| {
             let quantity = format!("{kind}({name})");
             summary.quantity(&quantity).with_context(|| format!("--summary: no quantity {quantity}"))
         };
-        Ok(Self { mean: number("mean")?, low: number("q05")?, high: number("q95")? })
+        let (mean, low, high) = (number("mean")?, number("q05")?, number("q95")?);
+        Ok(shortest.map_or(Self { mean, low, high, ..even }, |shortest| Self { mean, ..shortest }))
+    }
+
+    /// With the shortest interval, if the weights are skewed.
+    fn shortest(&self, values: &[f64], weights: &[f64]) -> Option<Self> {
+        let scale = |value: f64| if self.is_log { value.ln() } else { value };
+        let back = |place: f64| if self.is_log { place.exp() } else { place };
+        let places: Vec<f64> = values.iter().copied().map(scale).collect();
+        let (low, high) = shortest_interval(&places, weights, 0.9);
+        let is_skewed = high - low < (1.0 - SKEWED) * (scale(self.high) - scale(self.low));
+        is_skewed.then(|| Self { low: back(low), high: back(high), is_shortest: true, ..*self })
     }
 
     /// As a heading of at most so many points.
     pub fn heading(&self, width: f64) -> String {
-        number::estimate(self.mean, self.low, self.high, |text| font::width(text, SMALL) <= width)
+        number::estimate(self.mean, (self.low, self.high), self.is_log, |text| {
+            font::width(text, SMALL) <= width
+        })
     }
 }
 
@@ -185,8 +217,12 @@ impl Parameters {
     pub fn close_span(&self, name: &str, values: &[f64], weights: &[f64]) -> Span {
         let quantiles = Quantiles::new(values, weights);
         let span = Span::of([quantiles.at(0.002), quantiles.at(0.998)]);
-        let is_log = self.get(name).is_some_and(|parameter| parameter.scale == Scale::Log);
-        if is_log { span.logarithmic() } else { span }.padded(0.25)
+        if self.is_log(name) { span.logarithmic() } else { span }.padded(0.25)
+    }
+
+    /// Whether the scale of this parameter is logarithmic.
+    pub fn is_log(&self, name: &str) -> bool {
+        self.get(name).is_some_and(|parameter| parameter.scale == Scale::Log)
     }
 }
 

@@ -157,7 +157,10 @@ impl Pairs {
             };
             named.iter().filter(|_| has_searched).map(of).collect()
         };
-        let estimate = |j: usize| Estimate::of(summary.as_ref(), &names[j], &values[j], &weights.weight);
+        let estimate = |j: usize| {
+            let parameter = (names[j].as_str(), parameters.is_log(&names[j]));
+            Estimate::of(summary.as_ref(), parameter, &values[j], &weights.weight)
+        };
         Ok(Data {
             labels: names.iter().map(|name| parameters.label(name)).collect(),
             marginals: (0..n).map(|j| density(j, &values[j], &weights.weight)).collect(),

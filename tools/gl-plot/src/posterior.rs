@@ -130,7 +130,8 @@ impl Posterior {
         let truth = self.truth.clone().unwrap_or_default();
         let column = |(j, name): (usize, &String)| -> Result<Column> {
             let values: Vec<Vec<f64>> = stages.iter().map(|stage| column(&stage.weights, j)).collect();
-            let estimate = Estimate::of(summary.as_ref(), name, &column(last, j), &last.weight)?;
+            let parameter = (name.as_str(), parameters.is_log(name));
+            let estimate = Estimate::of(summary.as_ref(), parameter, &column(last, j), &last.weight)?;
             let truth = truth.get(name);
             let all: Vec<f64> = values.iter().flatten().copied().chain(truth).collect();
             let whole = parameters.span(name, &all);
@@ -305,7 +306,8 @@ impl Column {
             let inside: Vec<usize> = (0..CELLS).filter(inside).collect();
             let x: Vec<f64> = inside.iter().map(|&i| at[i]).collect();
             let top: Vec<f64> = inside.iter().map(|&i| density[i]).collect();
-            panel.band("90 % interval", &x, &vec![0.0; x.len()], &top, interval_paint());
+            let name = if self.estimate.is_shortest { "shortest 90 % interval" } else { "90 % interval" };
+            panel.band(name, &x, &vec![0.0; x.len()], &top, interval_paint());
             panel.vertical("mean", self.estimate.mean, mean_paint());
         }
         for (stage, density) in stages.iter().zip(&densities) {
@@ -346,7 +348,9 @@ fn legend(stages: &[Stage], columns: &[Column]) -> Vec<(Key, String)> {
         let name = if stages.len() == 1 { "posterior".to_owned() } else { stage.label.clone() };
         legend.push((Key::Line(Paint::line(stage.color, 1.2)), name));
     }
-    legend.push((Key::Area(interval_paint()), "90 % interval".to_owned()));
+    let is_shortest = columns.iter().any(|column| column.estimate.is_shortest);
+    let interval = if is_shortest { "90 % interval, where skewed the shortest" } else { "90 % interval" };
+    legend.push((Key::Area(interval_paint()), interval.to_owned()));
     legend.push((Key::Line(mean_paint()), "mean".to_owned()));
     if columns.iter().any(|column| column.prior.is_some()) {
         legend.push((Key::Line(prior_paint()), "prior".to_owned()));

@@ -1,6 +1,5 @@
 //! The report of a calibration or a diagnosis as one page.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -38,7 +37,7 @@ Example:
 fn run(args: &Args) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| default_out(&args.case));
     for path in gl_page::write(&args.case, args.engine, &out, &args.given)? {
-        writeln!(io::stdout(), "{}", path.display())?;
+        gl_table::print(&format!("{}\n", path.display()))?;
     }
     Ok(())
 }

@@ -46,6 +46,10 @@ pub struct Shared {
     /// Where the runs have their scratch folders, such as a fast disk [env: GL_SCRATCH] [default: in DIR]
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
+    /// Add how long each run took to this table: sample seconds processor_seconds exit. With embedded, MODEL is told of
+    /// it by GL_TIMES, and may do so
+    #[arg(long, value_name = "FILE")]
+    times: Option<PathBuf>,
 }
 
 impl Shared {
@@ -75,6 +79,7 @@ impl Shared {
                 .unwrap_or_default(),
             packed,
             scratch: self.scratch.clone().or_else(|| given("GL_SCRATCH").map(PathBuf::from)),
+            times: self.times.clone(),
         })
     }
 

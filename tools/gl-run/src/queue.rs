@@ -1,6 +1,5 @@
 //! Runs as job arrays of a scheduler.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
@@ -85,7 +84,5 @@ impl Queue {
 
 fn print(jobs: &[Noted]) -> Result<()> {
     let text: String = jobs.iter().map(|job| format!("{job}\n")).collect();
-    let mut stdout = std::io::stdout();
-    stdout.write_all(text.as_bytes())?;
-    Ok(stdout.flush()?)
+    gl_table::print(&text)
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, Result};
+use anyhow::{Result, anyhow};
 use clap::{Parser, ValueEnum};
 use gl_inference::design::{self, Effects};
 use gl_inference::prior::Prior;
@@ -74,7 +74,7 @@ impl FromStr for SampleCount {
         if text == "auto" {
             return Ok(Self::Auto);
         }
-        gl_cli::count(text).map(Self::Exactly).context("give auto or a number of samples")
+        gl_cli::count(text).map(Self::Exactly).map_err(|problem| anyhow!("{problem}, nor is it auto"))
     }
 }
 

@@ -2,7 +2,6 @@
 
 mod text;
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -13,6 +12,7 @@ use gl_engine::control::{Control, Record, batches, stages};
 use gl_engine::folder::RunFolder;
 use gl_engine::lock::OutLock;
 use gl_engine::scheduler::{NoAnswer, Patience, of_engine};
+use gl_table::print;
 
 /// Say where a calibration or diagnosis stands: a line an iteration, the runs of the last one, what is in the queue
 ///
@@ -83,12 +83,6 @@ fn run(args: &Args) -> Result<bool> {
     }
     said.push_str(&text::controlling_job(out, job.as_ref()));
     print(&said).map(|()| job.is_some())
-}
-
-fn print(text: &str) -> Result<()> {
-    let mut stdout = io::stdout();
-    stdout.write_all(text.as_bytes())?;
-    Ok(stdout.flush()?)
 }
 
 /// The name of a stage as people say it: `base: iteration 2`.

@@ -9,6 +9,7 @@ use gl_case::{Case, Engine, Posterior, Test};
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 use gl_inference::summary::enough_runs;
+use gl_inference::times::TIMES;
 
 use super::emulated;
 use crate::columns::{comparison, list, of_test, simulated, varied_in, within};
@@ -375,6 +376,7 @@ pub(crate) fn run(
         call = call.arg("--packed");
     }
     call = call.option("--kept", case.kept.as_ref().map(|kept| kept.display()));
+    call = call.flag("--times", runs.join(TIMES));
     if engine.is_queue() {
         // It reads [cluster] of case.toml itself.
         let is_site = |text: &&String| {
