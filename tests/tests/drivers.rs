@@ -224,10 +224,8 @@ fn each_call_is_noted_as_it_is_typed() {
     fs::remove_file(folder.path("fit/iter0/misfit.txt")).unwrap();
     folder.run(call);
     assert_eq!(before, folder.read("fit/iter0/misfit.txt"));
-    assert!(
-        log.lines().any(|line| line.starts_with("gl-run embedded --case case -- fit/iter0/samples.txt")),
-        "{log}"
-    );
+    let run = "gl-run embedded --case case --times fit/iter0/runs/times.txt -- fit/iter0/samples.txt";
+    assert!(log.lines().any(|line| line.starts_with(run)), "{log}");
 }
 
 #[test]
