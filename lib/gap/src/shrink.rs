@@ -310,36 +310,36 @@ fn summarise(squares: [f64; 4], errors: impl Iterator<Item = [f64; 2]>) -> Shrin
 /// What is concluded, for people and for programs; `is_unseen` where it is of steps that the calibrations did not see.
 pub fn verdict(all: &Shrink, is_unseen: bool) -> Verdicts {
     let percent = |share: f64| format!("{:.0}", 100.0 * share);
-    let sentence = |text: String| {
-        if is_unseen {
-            format!("On the steps that the calibrations did not see {text}")
-        } else {
-            format!("T{}", &text[1..])
-        }
+    let (the, there) = match is_unseen {
+        true => (
+            "On the steps that the calibrations did not see the",
+            "On the steps that the calibrations did not see there",
+        ),
+        false => ("The", "There"),
     };
     let mut verdicts = Verdicts::default();
     if all.before <= all.floor_before {
         verdicts.add(
             "no-gap",
             all.before,
-            sentence(format!(
-                "there was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
+            format!(
+                "{there} was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
                 percent(all.before),
                 percent(all.floor_before)
-            )),
+            ),
         );
         return verdicts;
     }
     let interval = format!("90 % interval {} to {} %", percent(all.low), percent(all.high));
     if all.shrink < 0.0 {
-        let text = format!("the gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
-        verdicts.add("grows", all.shrink, sentence(text));
+        let text = format!("{the} gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
+        verdicts.add("grows", all.shrink, text);
         return verdicts;
     }
     let (code, doubt) =
         if all.low <= 0.0 { ("may-not-close", " It may not have closed at all.") } else { ("closes", "") };
-    let text = format!("the gap closes by {} % ({interval}).{doubt}", percent(all.shrink));
-    verdicts.add(code, all.shrink, sentence(text));
+    let text = format!("{the} gap closes by {} % ({interval}).{doubt}", percent(all.shrink));
+    verdicts.add(code, all.shrink, text);
     verdicts
 }
 

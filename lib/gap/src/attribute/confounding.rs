@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::hypothesis::is_part;
+use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
 
 /// What one hypothesis adds to the base model's curve is imitated by another when the cosine between
@@ -59,7 +60,9 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
         if explanation.hypothesis.is_empty() || !is_alive(s) {
             return Ok(Vec::new());
         }
-        let whole = distance(problem, explanation, own, of_base)?;
+        let model = explanation.model(problem).plain();
+        let metric = (&model, explanation.best());
+        let whole = distance(metric, (own, of_base))?;
         if whole < 1.0 {
             return Ok(Vec::new());
         }
@@ -71,7 +74,7 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
                 continue;
             }
             let Some(theirs) = &curves[t] else { continue };
-            let rest = distance(problem, explanation, own, theirs)?;
+            let rest = distance(metric, (own, theirs))?;
             if rest < INDISTINCT && 1.0 - (rest / whole).powi(2) > PARALLEL * PARALLEL {
                 near.push((rest, t));
             }
@@ -89,22 +92,20 @@ pub(super) fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
 
 /// What is left of the difference of two curves when the parameters of the second are moved to make it
 /// small, in standard deviations of the measurement.
-fn distance(problem: &Problem<'_>, of: &Explanation, one: &Curve, other: &Curve) -> Result<f64> {
-    let none = vec![0.0; problem.predictor.basis().ncols()];
-    Ok(square_distance(problem, of, (one, other), &none, 1.0)?.sqrt())
+fn distance(metric: (&Model<'_>, &[f64]), curves: (&Curve, &Curve)) -> Result<f64> {
+    let none = vec![0.0; metric.0.problem().predictor.basis().ncols()];
+    Ok(square_distance(metric, curves, &none, 1.0)?.sqrt())
 }
 
 /// The square of it where there are so many such measurements, and the simulation's components are known to these
-/// variances.
+/// variances; the noise is that of a model without a rest at these parameters.
 pub(super) fn square_distance(
-    problem: &Problem<'_>,
-    of: &Explanation,
+    (model, w): (&Model<'_>, &[f64]),
     (one, other): (&Curve, &Curve),
     variance: &[f64],
     measurements: f64,
 ) -> Result<f64> {
-    let model = of.model(problem).plain();
-    let w = &of.best()[..model.len()];
+    let w = &w[..model.len()];
     let columns = DMatrix::from_fn(one.mean.len(), 1 + other.slopes.ncols(), |i, k| {
         if k == 0 { one.mean[i] - other.mean[i] } else { other.slopes[(i, k - 1)] }
     });

@@ -51,15 +51,13 @@ pub fn draws(problem: &Problem<'_>, explanations: &[Explanation], least: f64, co
 mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
-    use crate::attribute::synthetic_world::{STEPS, Straight};
+    use crate::attribute::synthetic_world::Straight;
 
     #[test]
     fn the_draws_of_the_truth_lie_about_it_and_effects_that_are_not_in_are_off() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-        let noise = Some(vec![vec![0.01; STEPS]]);
-        let problem =
-            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+        let problem = predictor.problem(&prior, &observations);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let drawn = draws(&problem, &explanations, 0.0, 100);
         assert_eq!(drawn[0].name, "wave");
@@ -85,10 +83,7 @@ mod tests {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(-0.6, 4.2);
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-        let noise = Some(vec![vec![0.01; STEPS]]);
-        let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
-            .unwrap()
-            .believing(&believed);
+        let problem = predictor.problem(&prior, &observations).believing(&believed);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let drawn = draws(&problem, &explanations, 0.0, 100);
         assert_eq!(drawn[0].name, "wave");

@@ -4,6 +4,7 @@ use anyhow::Result;
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::confounding::{Curve, curve, square_distance};
+use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
 
 /// Odds at which two explanations are told apart: nineteen to one.
@@ -27,13 +28,11 @@ pub struct Effort {
 
 /// What is compared with what, and by how much it is to become clearer.
 struct Pair<'a> {
-    problem: &'a Problem<'a>,
-    truth: &'a Explanation,
+    /// The truth without a rest, and its most probable parameters.
+    truth: (Model<'a>, &'a [f64]),
     curves: (Curve, Curve),
     /// Variance of each component as it is, shape (components,).
     variance: Vec<f64>,
-    /// Parameters of the simulation that vary under the truth.
-    dimensions: usize,
     /// Parameters that the truth has more.
     more: f64,
 }
@@ -54,15 +53,13 @@ pub fn effort(
     rival: &Explanation,
     ln_odds: f64,
 ) -> Result<Option<Effort>> {
-    let variance = |of: &Explanation| of.model(problem).curve(of.best()).variance;
-    let parameters = |of: &Explanation| of.model(problem).curve_parameters() as f64;
+    let (model, other) = (truth.model(problem), rival.model(problem));
+    let (known, known_of_rival) = (model.curve(truth.best()).variance, other.curve(rival.best()).variance);
     let pair = Pair {
-        problem,
-        truth,
         curves: (curve(problem, truth), curve(problem, rival)),
-        variance: variance(truth).into_iter().zip(variance(rival)).map(|(a, b)| a.max(b)).collect(),
-        dimensions: truth.model(problem).simulated_parameters().len(),
-        more: (parameters(truth) - parameters(rival)).max(0.0),
+        variance: known.into_iter().zip(known_of_rival).map(|(a, b)| a.max(b)).collect(),
+        more: model.curve_parameters().saturating_sub(other.curve_parameters()) as f64,
+        truth: (model.plain(), truth.best()),
     };
     let now = pair.square(0, 1)?;
     let is_told = |runs: usize, measurements: usize| -> Result<bool> {
@@ -72,9 +69,8 @@ pub fn effort(
     };
     for measurements in 1..=MOST_MEASUREMENTS {
         if is_told(MOST_RUNS, measurements)? {
-            let steps: Vec<usize> = (0..=MOST_RUNS / STEP).collect();
             // The more runs the better: the first number that tells them apart is found by halving.
-            let mut open = (0, steps.len() - 1);
+            let mut open = (0, MOST_RUNS / STEP);
             while open.0 < open.1 {
                 let middle = (open.0 + open.1) / 2;
                 open = if is_told(STEP * middle, measurements)? {
@@ -92,16 +88,17 @@ pub fn effort(
 impl Pair<'_> {
     /// The square of their distance after further runs, with so many measurements.
     fn square(&self, runs: usize, measurements: usize) -> Result<f64> {
-        let fitted = runs as f64 / (1 + self.dimensions) as f64;
+        let (model, best) = &self.truth;
+        let fitted = runs as f64 / (1 + model.simulated_parameters().len()) as f64;
         let known = |(variance, scatter): (&f64, f64)| {
             let variance = variance.max(0.0);
             let of_a_run = scatter.max(variance);
             if variance == 0.0 { 0.0 } else { 1.0 / (1.0 / variance + fitted / of_a_run) }
         };
         let variance: Vec<f64> =
-            self.variance.iter().zip(self.problem.predictor.scatter()).map(known).collect();
+            self.variance.iter().zip(model.problem().predictor.scatter()).map(known).collect();
         let (truth, rival) = &self.curves;
-        square_distance(self.problem, self.truth, (truth, rival), &variance, measurements as f64)
+        square_distance((model, best), (truth, rival), &variance, measurements as f64)
     }
 }
 

@@ -59,17 +59,14 @@ pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Margin
 mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
-    use crate::attribute::synthetic_world::{STEPS, Straight};
+    use crate::attribute::synthetic_world::Straight;
 
     #[test]
     fn a_parameter_beyond_what_was_believed_is_where_the_truth_is() {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(0.5, 1.1);
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let noise = Some(vec![vec![0.01; STEPS]]);
-        let problem = Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0)
-            .unwrap()
-            .believing(&believed);
+        let problem = predictor.problem(&prior, &observations).believing(&believed);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let wave = explanations.iter().find(|of| of.name == "wave").unwrap();
         let a = &marginals(&problem, wave)[0];

@@ -130,15 +130,13 @@ fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Res
 mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
-    use crate::attribute::synthetic_world::{STEPS, Straight};
+    use crate::attribute::synthetic_world::Straight;
 
     #[test]
     fn what_the_first_hypothesis_contains_gets_runs_even_where_it_is_out_of_the_question() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-        let noise = Some(vec![vec![0.01; STEPS]]);
-        let problem =
-            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+        let problem = predictor.problem(&prior, &observations);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
         let shares = shares(&problem, &explanations, 60);
         let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];
@@ -152,15 +150,11 @@ mod tests {
     #[test]
     fn where_bounds_are_wider_than_was_believed_the_runs_go_to_the_truth_too() {
         let predictor = Straight::new();
-        let noise = Some(vec![vec![0.01; STEPS]]);
         // The truth, 1.3, within what was believed and beyond it.
         for (low, high) in [(-0.6, 4.2), (0.5, 1.1)] {
             let (prior, believed) = Straight::beyond(low, high);
             let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
-            let problem =
-                Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise.clone(), 1.0)
-                    .unwrap()
-                    .believing(&believed);
+            let problem = predictor.problem(&prior, &observations).believing(&believed);
             let explanations = attribute(&problem, 1, 1).unwrap().explanations;
             let of = explanations.iter().find(|of| of.name == "wave").unwrap();
             let runs = draw(&problem, of, 40, 1).unwrap();

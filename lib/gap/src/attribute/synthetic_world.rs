@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::measurement::{Kind, MeasurementEffect};
 use crate::attribute::predictor::{Prediction, Predictor};
+use crate::attribute::problem::Problem;
 use gl_inference::observations::Observations;
 use gl_inference::prior::{Parameter, Prior, Scale};
 
@@ -77,6 +78,12 @@ impl Straight {
     pub fn candidates() -> Vec<Candidate> {
         let offset = MeasurementEffect::all(&[Kind::Offset], &["y".to_owned()]).remove(0);
         vec![Candidate::Simulated(Self::prior().effects().remove(0)), Candidate::Measured(offset)]
+    }
+
+    /// What a measurement asks of it, with both candidates and a noise of 0.01.
+    pub fn problem<'a>(&'a self, prior: &'a Prior, observations: &Observations) -> Problem<'a> {
+        let noise = Some(vec![vec![0.01; STEPS]]);
+        Problem::new(self, prior, Self::candidates(), observations, noise, 1.0).unwrap()
     }
 
     pub fn observations(values: Vec<f64>) -> Observations {
