@@ -39,7 +39,8 @@ demo: build
 
 ## make test                        everything: the library, the tools, the scripts, the engines that are here
 test: build
-	@cargo test --release --workspace
+	@# One at a time more than there are processors: one of them waits for schedulers.
+	@RUST_TEST_THREADS=$$(($$(nproc) + 1)) cargo test --release --workspace --no-fail-fast
 
 ## make build                       the tools, in target/release
 build:

@@ -81,7 +81,7 @@ impl World {
             self.run(call, words.clone(), &inputs, |outcome| outcome.problem(&self.inputs(call), &words));
         failure.map(|failure| Failure {
             report: format!(
-                "seed {seed}: {}again: FUZZ_SEED={seed} cargo test --release -p pipelines --test fuzz\n",
+                "seed {seed}: {}again: FUZZ_SEED={seed} cargo test --release -p pipelines --test all fuzz\n",
                 failure.report
             ),
         })

@@ -1,7 +1,5 @@
 //! Prediction, and the tools that say where the gap lies and how far it closes.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;

@@ -1,7 +1,5 @@
 //! Which effect explains the gap in several tests of the same samples, through the tools.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write as _;
 
 use std::collections::BTreeMap;

@@ -1,7 +1,5 @@
 //! The collision by real runs of Yade.
 
-#![allow(clippy::unwrap_used)]
-
 use pipelines::calibration::{STIFFNESS, calibrate, copy_case, finish, posterior, stiffness};
 use pipelines::folder::Folder;
 use pipelines::require;

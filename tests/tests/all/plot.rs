@@ -1,7 +1,5 @@
 //! The pictures of gl-plot: what is in them, and what is refused.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::process::{Command, Output};
 

@@ -1,7 +1,5 @@
 //! Every tool's `--help`: its examples run as they stand there.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::process::Command;
 

@@ -1,7 +1,5 @@
 //! `gl-run` beside the tools before and after it: they agree on names, and on which runs are complete.
 
-#![allow(clippy::unwrap_used)]
-
 use pipelines::folder::Folder;
 use pipelines::packed::pack;
 use pipelines::tool;

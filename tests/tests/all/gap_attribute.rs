@@ -1,7 +1,5 @@
 //! gl-gap-attribute from its tables to its verdict: what is found, and what is refused.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,5 @@
 //! The posterior from 20 000 runs by the tools, against the closed form in `tests/oracle`.
 
-#![allow(clippy::unwrap_used)]
-
 use gl_table::Table;
 use pipelines::folder::Folder;
 use pipelines::{line, oracle};

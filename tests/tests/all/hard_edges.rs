@@ -1,7 +1,5 @@
 //! Numbers at the ends of what a number can say, outputs that meet, streams that break off.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::io::Write;
 use std::os::unix::fs::symlink;

@@ -1,7 +1,5 @@
 //! The calibration loop: it ends at the truth, and whatever happens to it, it ends with the same bytes.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;

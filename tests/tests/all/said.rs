@@ -1,7 +1,5 @@
 //! What users read, word for word. `INSTA_UPDATE=always` shows what has become of it.
 
-#![allow(clippy::unwrap_used)]
-
 use insta::assert_snapshot;
 use pipelines::folder::Folder;
 use pipelines::fuzz::calls::tables;

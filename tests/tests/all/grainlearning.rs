@@ -1,7 +1,5 @@
 //! Real laboratory data and real Yade runs, against what GrainLearning 2.0.5 makes of them.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write;
 
 use pipelines::folder::Folder;

@@ -1,7 +1,5 @@
 //! A fast part of the withheld check, from the generator to the scorer.
 
-#![allow(clippy::unwrap_used)]
-
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;

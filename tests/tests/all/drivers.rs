@@ -1,7 +1,5 @@
 //! The drivers: what they are called with, what they leave, and where they work.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

@@ -1,7 +1,5 @@
 //! The embedded simulators, from samples to an ensemble.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 
 use assert_cmd::Command;

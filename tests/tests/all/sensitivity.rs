@@ -1,7 +1,5 @@
 //! `gl-sensitivity` between the tools before and after it.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write as _;
 
 use gl_table::verdict::Verdicts;

@@ -1,8 +1,6 @@
 //! Input that is wrong, and what becomes of it: a message with its place and a remedy, exit code 2, and
 //! nothing written; or a failed run with its reason.
 
-#![allow(clippy::unwrap_used)]
-
 use std::process::{Command, Stdio};
 use std::time::Duration;
 

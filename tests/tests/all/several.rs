@@ -1,7 +1,5 @@
 //! Several tests of the same samples, through the tools.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write as _;
 
 use gl_numeric::statistics::{mean, sd};

@@ -1,6 +1,4 @@
 //! `gl-emulate` between the tools before and after it.
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,5 @@
 //! Packed runs: one file with many runs in it stands for two files a run.
 
-#![allow(clippy::unwrap_used)]
-
 use pipelines::folder::Folder;
 use pipelines::line;
 use pipelines::packed::pack;

@@ -1,8 +1,6 @@
 //! Where a calibration misleads most easily: the tempering misses its target, the truth lies outside
 //! the bounds, few samples, one lucky sample.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write;
 
 use pipelines::calibration::{calibrate, copy_case, finish};
