@@ -12,6 +12,9 @@ use gl_numeric::statistics::ln_sum_exp;
 /// Share of the points that are the neighbours of one.
 const NEIGHBOURS: f64 = 0.1;
 
+/// What is lower than the highest of many densities by this (natural logarithm) adds nothing to their sum.
+const NOTHING: f64 = 45.0;
+
 /// A mixture with equal weights.
 #[derive(Clone, Debug)]
 pub struct LocalMixture {
@@ -80,7 +83,11 @@ impl LocalMixture {
 
     /// ln of the density, over the whole space.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        let terms: Vec<f64> = self.centres.iter().map(|centre| centre.ln_density(&centre.at, x)).collect();
+        let mut away = vec![0.0; x.len()];
+        let mut terms: Vec<f64> =
+            self.centres.iter().map(|centre| centre.ln_density(&centre.at, x, 1.0, &mut away)).collect();
+        let highest = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        terms.retain(|term| *term > highest - NOTHING);
         let constant = 0.5 * x.len() as f64 * std::f64::consts::TAU.ln() + (self.centres.len() as f64).ln();
         ln_sum_exp(&terms) - constant
     }
@@ -92,7 +99,8 @@ impl LocalMixture {
         let scale = 1.7 / (x.len() as f64).sqrt() / self.width;
         let next = here.step(x, scale, generator);
         let there = &self.centres[self.nearest(&next)];
-        let ln_q = there.scaled_ln_density(&next, x, scale) - here.scaled_ln_density(x, &next, scale);
+        let mut away = vec![0.0; x.len()];
+        let ln_q = there.ln_density(&next, x, scale, &mut away) - here.ln_density(x, &next, scale, &mut away);
         (next, ln_q)
     }
 
@@ -124,15 +132,11 @@ impl Centre {
         (0..from.len()).map(|i| from[i] + scale * dot(&self.factor.row(i)[..=i], &normal[..=i])).collect()
     }
 
-    fn ln_density(&self, from: &[f64], to: &[f64]) -> f64 {
-        self.scaled_ln_density(from, to, 1.0)
-    }
-
-    /// Up to (2π)^(−d/2).
-    fn scaled_ln_density(&self, from: &[f64], to: &[f64], scale: f64) -> f64 {
-        let away: Vec<f64> = to.iter().zip(from).map(|(to, from)| (to - from) / scale).collect();
+    /// Of a step by so many times the factor, up to (2π)^(−d/2) times that scale to the power −d; `away` is room for d numbers.
+    fn ln_density(&self, from: &[f64], to: &[f64], scale: f64, away: &mut [f64]) -> f64 {
+        away.iter_mut().zip(to.iter().zip(from)).for_each(|(away, (to, from))| *away = to - from);
         let square: f64 = (0..away.len()).map(|i| dot(&self.inverse.row(i)[..=i], &away[..=i]).powi(2)).sum();
-        self.ln_norm - away.len() as f64 * scale.ln() - 0.5 * square
+        self.ln_norm - 0.5 * square / (scale * scale)
     }
 }
 

@@ -47,8 +47,8 @@ pub struct Effort {
 pub struct Population {
     /// Coordinates, shape (particles, dimensions).
     pub points: Vec<Vec<f64>>,
-    /// ln of the start density of each.
-    pub ln_start: Vec<f64>,
+    /// ln of the start density of each, kept up below the last temperature alone: there it counts no more.
+    ln_start: Vec<f64>,
     /// ln of the target density of each.
     pub ln_target: Vec<f64>,
     /// ln of the integral of the target over that of the start density.
@@ -176,7 +176,8 @@ impl Population {
                 generator.set_stream((sweep << 32) | i as u64);
                 let (next, ln_q) = propose(&archive[i], archive, &mixture, &mut generator)?;
                 let here = mixed(beta, self.ln_start[i], self.ln_target[i]);
-                let (start, end) = (target.ln_start(&next), target.ln_target(&next));
+                let start = if beta < 1.0 { target.ln_start(&next) } else { 0.0 };
+                let end = target.ln_target(&next);
                 let there = mixed(beta, start, end);
                 let threshold: f64 = generator.sample(Open01);
                 (threshold.ln() < there - here + ln_q).then_some((next, start, end))
