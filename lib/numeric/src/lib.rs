@@ -3,6 +3,7 @@
 
 pub mod density;
 pub mod normal;
+pub mod quadratic;
 pub mod sequence;
 pub mod statistics;
 

@@ -2,17 +2,14 @@
 
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use crate::attribute::mode::{Mode, standard_normal};
+use crate::attribute::mode::Mode;
 use crate::attribute::model::Model;
+use gl_numeric::quadratic::exceedance;
 
 /// Below this predictive probability a hypothesis does not fit.
 pub const INADEQUATE: f64 = 0.01;
-
-const DRAWS: usize = 20_000;
 
 /// Probability, under a hypothesis, of a measurement at least as odd as the one made.
 ///
@@ -24,7 +21,7 @@ const DRAWS: usize = 20_000;
 ///
 /// # Errors
 /// If the covariance is not finite.
-pub fn predictive_probability(model: &Model<'_>, mode: &Mode, seed: u64) -> Result<f64> {
+pub fn predictive_probability(model: &Model<'_>, mode: &Mode) -> Result<f64> {
     let problem = model.problem();
     let w = mode.w.as_slice();
     let curve = model.curve(w);
@@ -65,37 +62,13 @@ pub fn predictive_probability(model: &Model<'_>, mode: &Mode, seed: u64) -> Resu
 
     let whole = ChiSquared::new(residual.len() as f64)?;
     let mut probabilities = vec![whole.sf(product[(0, 0)].max(0.0))];
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut first = 1;
     for patterns in patterns {
         let score = product.view((first, 0), (patterns, 1)).norm_squared();
         let shares = SymmetricEigen::new(product.view((first, first), (patterns, patterns)).into_owned());
-        probabilities.push(exceedance(score, shares.eigenvalues.as_slice(), &mut random));
+        probabilities.push(exceedance(score, shares.eigenvalues.as_slice()));
         first += patterns;
     }
     let smallest = probabilities.iter().copied().fold(1.0, f64::min);
     Ok(1.0 - (1.0 - smallest).powi(probabilities.len() as i32))
-}
-
-/// Probability that Σ sharesᵢ χ²₁ exceeds a value, by drawing.
-fn exceedance(value: f64, shares: &[f64], random: &mut ChaCha8Rng) -> f64 {
-    let exceeding = (0..DRAWS)
-        .filter(|_| {
-            let drawn: f64 = shares.iter().map(|share| share * standard_normal(random).powi(2)).sum();
-            drawn >= value
-        })
-        .count();
-    (exceeding as f64 + 0.5) / (DRAWS as f64 + 0.5)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_share_exceeds_as_chi_squared_does() {
-        let mut random = ChaCha8Rng::seed_from_u64(4);
-        let p = exceedance(2.0 * 3.841_458_820_694_124, &[2.0], &mut random);
-        assert!((p - 0.05).abs() < 0.006, "{p}");
-    }
 }

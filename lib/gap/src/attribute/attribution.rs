@@ -187,7 +187,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         of.ln_weight -= whole;
         of.probability = of.ln_weight.exp();
     }
-    look_closer(problem, &mut explanations, seed)?;
+    look_closer(problem, &mut explanations)?;
     let nearest = explanations
         .iter()
         .filter(|of| of.is_cause())
@@ -274,7 +274,7 @@ fn search<'a>(
 }
 
 /// Ask the hypotheses that are close to the first whether they fit, and all how much they close.
-fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation], seed: u64) -> Result<()> {
+fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Result<()> {
     let high = explanations.iter().map(|of| of.probability).fold(0.0, f64::max);
     let base = explanations[0].clone();
     let looking = stage("looking for something else", explanations.len());
@@ -283,7 +283,7 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation], seed: u6
         .map(|of| {
             let is_close = of.probability > high * (-CLOSE).exp();
             if is_close || (of.hypothesis.is_empty() && !of.has_rest) {
-                of.fits = Some(predictive_probability(&of.model(problem), &of.evidence.modes[0], seed)?);
+                of.fits = Some(predictive_probability(&of.model(problem), &of.evidence.modes[0])?);
             }
             of.closes = closes(problem, &base, of)?;
             Ok(())
