@@ -50,7 +50,7 @@ impl Format {
     /// `source` names the table in messages, `line` is the header's line number.
     ///
     /// # Errors
-    /// If the line holds no names, or nothing but numbers.
+    /// If the line holds no names, or nothing but numbers, or semicolons between its fields.
     pub fn from_header(source: &str, line: usize, header: &str) -> Result<Self> {
         let header = header.trim_start().trim_start_matches('#').trim();
         let separator = if header.contains('\t') {
@@ -65,6 +65,10 @@ impl Format {
         ensure!(
             !header.is_empty(),
             "{source}:{line}: the header is empty; the first line must name the columns"
+        );
+        ensure!(
+            separator != Separator::Blanks || !header.contains(';'),
+            "{source}:{line}: fields separated by semicolons, in {header:?}: tables have tabs, blanks or commas between fields, and points in decimal numbers"
         );
         ensure!(
             !fields.iter().all(|field| field.parse::<f64>().is_ok()),

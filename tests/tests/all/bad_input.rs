@@ -38,6 +38,7 @@ fn with_obs(obs: &str) -> Folder {
 
 #[test]
 fn a_missing_header_is_refused_with_its_line() {
+    with_obs("x;y\n0;1\n").refuses(LIKELIHOOD, &["obs.txt:1: fields separated by semicolons", "tabs"]);
     with_obs("0 1\n1 2\n").refuses(LIKELIHOOD, &["obs.txt:1: no header", "must name the columns"]);
     with_obs("").refuses(LIKELIHOOD, &["obs.txt: empty"]);
 }
