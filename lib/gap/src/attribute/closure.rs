@@ -234,7 +234,11 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     // One noise, that of the model which is right; calibrated is by what is stated of it.
     let plain = after.model.plain();
     let own = &after.mode.w.as_slice()[..plain.len()];
-    let noise = plain.nuisances(own).scales;
+    let mut noise = plain.nuisances(own).scales;
+    if plain.problem().is_noise_stated && !after.model.outliers().is_empty() {
+        // Without the readings that are far off the noise is small; they are in the gap, and may be what the stated one has of them.
+        noise.iter_mut().for_each(|scale| *scale = scale.max(1.0));
+    }
     let stated = plain.as_stated(own);
     let metric = (&plain, stated.as_slice());
     let own_floor = |fitted: &Fitted<'_>| {
