@@ -234,11 +234,10 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     // One noise, that of the model which is right; calibrated is by what is stated of it.
     let plain = after.model.plain();
     let own = &after.mode.w.as_slice()[..plain.len()];
-    let mut noise = plain.nuisances(own).scales;
-    if plain.problem().is_noise_stated && !after.model.outliers().is_empty() {
-        // Without the readings that are far off the noise is small; they are in the gap, and may be what the stated one has of them.
-        noise.iter_mut().for_each(|scale| *scale = scale.max(1.0));
-    }
+    let scales = plain.nuisances(own).scales;
+    // Without the readings that are far off the noise is small; they are in the gap, and may be what the stated one has of them.
+    let is_heavy = plain.problem().is_noise_stated && !after.model.outliers().is_empty();
+    let noise: Vec<f64> = scales.iter().map(|scale| if is_heavy { scale.max(1.0) } else { *scale }).collect();
     let stated = plain.as_stated(own);
     let metric = (&plain, stated.as_slice());
     let own_floor = |fitted: &Fitted<'_>| {
@@ -246,7 +245,7 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
         left_of_noise(&own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
     };
     let floors = [own_floor(before)?, own_floor(after)?];
-    let levels = noise_levels(after, &noise, &mut random);
+    let levels = noise_levels(after, &scales, &mut random);
     let (before, after) =
         (gaps_before(before, metric, &mut random)?, gaps_after(after, metric, &mut random)?);
     let shrinks: Vec<f64> = before
