@@ -112,4 +112,17 @@ lammps_agrees_with_hertz() {
     paste runs/r0_sim.txt yade/r0_sim.txt | awk 'NR > 2 && ($1 - $3)^2 > 1e-26 || NR > 3 && ($2 / $4 - 1)^2 > 1e-12 { exit 1 }'
 }
 
+# A specimen of few grains is no specimen: what is named does not matter.
+a_riddle_by_lammps_is_diagnosed_with_runs_that_are_kept() {
+    needs lammps lmp
+    export GRAINS=60 SPECIMENS=1
+    riddle() { "$ROOT/examples/triaxial-effects/lammps/blind" 2 riddle 2>err || same $? 1; }
+    riddle
+    says 'runs are not made but taken from'
+    same "$(wc -l <riddle/outcome.txt)" 2
+    mv riddle/attribution.txt before
+    riddle
+    cmp riddle/attribution.txt before
+}
+
 facts "$@"
