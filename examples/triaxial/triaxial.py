@@ -3,7 +3,8 @@
 The packing is compressed isotropically, and its contact friction lowered until it is as dense as
 wanted; then it gets its real contact law, and is compressed axially at constant lateral stress.
 
-Control: axial strain `e_z`. Observables: void ratio `e` and `s`, axial over lateral stress.
+Control: axial strain `e_z`. Observables: void ratio `e` and `s`, axial over lateral stress. Known of a test: the confining
+stress p0 in kPa.
 
 What the base model lacks, each absent at 0 (but for the porosity):
 * rolling resistance: kr (stiffness) and eta (strength), of the contact's own
@@ -15,10 +16,10 @@ The last two are of the apparatus: it reports its own confining stress, not that
 """
 
 from math import atan
+from zlib import crc32
 
 import gl_yade
 
-CONFINING = 1e5
 GRAINS = 500
 STRAIN = 0.1
 RECORDS = 50
@@ -27,7 +28,8 @@ LOOSE = 0.5
 # Small, for quasi-static loading.
 INERTIAL_NUMBER = 2e-3
 
-p = gl_yade.parameters(mu=0.4, kr=0.5, eta=0.0, E_m=8.0, c=0.0, n0=0.41, m=0.0, d=0.0, seed=0)
+p = gl_yade.parameters(p0=100.0, mu=0.4, kr=0.5, eta=0.0, E_m=8.0, c=0.0, n0=0.41, m=0.0, d=0.0, seed=0)
+CONFINING = 1e3 * p.p0
 
 radius, density = 1e-3, 2650.0
 rate = INERTIAL_NUMBER / (2 * radius * (density / CONFINING) ** 0.5)
@@ -71,9 +73,10 @@ def settle(steps=500, unbalanced=0.005):
     raise RuntimeError('the packing does not come to rest')
 
 
-# A loose cloud, another one for each run unless a seed is given: the scatter between packings belongs
-# to what a simulation can say.
-seed = int(p.seed) or int(p.key) + 1
+# A loose cloud, another one for each run and each confining stress unless a seed is given: the scatter between packings
+# belongs to what a simulation can say. `key` would begin anew in each iteration.
+name = O.tags['description'] if 'description' in O.tags.keys() else 'by hand'
+seed = int(p.seed) or crc32(('%s %g' % (name, p.p0)).encode()) % 2**31
 friction = LOOSE
 O.periodic = True
 side = 2 * radius * (GRAINS / 0.45) ** (1 / 3)
