@@ -67,7 +67,7 @@ impl Format {
             "{source}:{line}: the header is empty; the first line must name the columns"
         );
         ensure!(
-            separator != Separator::Blanks || !header.contains(';'),
+            !(header.contains(';') && fields.iter().rev().skip(1).all(|field| field.ends_with(';'))),
             "{source}:{line}: fields separated by semicolons, in {header:?}: tables have tabs, blanks or commas between fields, and points in decimal numbers"
         );
         ensure!(
