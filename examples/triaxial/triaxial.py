@@ -3,8 +3,8 @@
 The packing is compressed isotropically, and its contact friction lowered until it is as dense as
 wanted; then it gets its real contact law, and is compressed axially at constant lateral stress.
 
-Control: axial strain `e_z`. Observables: void ratio `e` and `s`, axial over lateral stress. Known of a test: the confining
-stress p0 in kPa.
+Control: axial strain `e_z`. Observables: void ratio `e`, `s`, axial over lateral stress, and the volumetric strain
+`e_v` since the compression began, positive where the specimen shrinks. Known of a test: the confining stress p0 in kPa.
 
 What the base model lacks, each absent at 0 (but for the porosity):
 * rolling resistance: kr (stiffness) and eta (strength), of the contact's own
@@ -124,7 +124,8 @@ O.cell.trsf = Matrix3.Identity
 controller.stressMask = 3
 controller.goal = (-CONFINING, -CONFINING, -1)
 controller.maxStrainRate = (10 * rate, 10 * rate, rate)
-columns = {'e_z': [], 'e': [], 's': []}
+columns = {'e_z': [], 'e': [], 's': [], 'e_v': []}
+before = O.cell.volume
 for record in range(RECORDS + 1):
     while axial_strain() < STRAIN * record / RECORDS:
         # Steps one by one: run(…, wait) sleeps between its looks at the clock.
@@ -135,4 +136,5 @@ for record in range(RECORDS + 1):
     columns['e_z'].append(axial_strain())
     columns['e'].append(porosity() / (1 - porosity()))
     columns['s'].append(-getStress()[2, 2] / CONFINING + p.d)
+    columns['e_v'].append(1 - O.cell.volume / before)
 gl_yade.write_run(columns)

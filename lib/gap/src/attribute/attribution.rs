@@ -108,12 +108,22 @@ const CLOSE: f64 = 5.0;
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
 
-/// Shares of the gap that an effect closes by itself below which it is no part of its cause where something else is
-/// at work, too, and from which it is; in between in proportion.
-const CLOSES: (f64, f64) = (0.15, 0.35);
+/// What is kept of the probability of an effect beside something else that is at work, too, by the share of the gap that
+/// the effect closes by itself; in between in proportion. What closes little is no part of the cause. What closes half may
+/// be one, or may imitate something that is no candidate: it stays the likelier, but is not settled.
+const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 
 /// The same of several effects together, which imitate more.
-const CLOSE_TOGETHER: (f64, f64) = (0.7, 0.95);
+const CLOSE_TOGETHER: [(f64, f64); 2] = [(0.7, 0.0), (0.95, 1.0)];
+
+/// The second coordinate on a line through points in ascending order, level beyond its ends.
+fn along(points: &[(f64, f64)], x: f64) -> f64 {
+    let rises = points.windows(2).map(|ends| {
+        let [(x0, y0), (x1, y1)] = [ends[0], ends[1]];
+        (y1 - y0) * ((x - x0) / (x1 - x0)).clamp(0.0, 1.0)
+    });
+    points[0].1 + rises.sum::<f64>()
+}
 
 /// A hypothesis with what a search found.
 struct Found<'a> {
@@ -315,8 +325,8 @@ fn rule_out(explanations: &mut [Explanation]) {
         if !of.has_rest || !of.is_cause() {
             continue;
         }
-        let (none, whole) = if of.hypothesis.len() > 1 { CLOSE_TOGETHER } else { CLOSES };
-        let kept = ((of.closes - none) / (whole - none)).clamp(0.0, 1.0);
+        let of_closes: &[(f64, f64)] = if of.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES };
+        let kept = along(of_closes, of.closes);
         if kept == 0.0 {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
         }
@@ -350,6 +360,13 @@ mod tests {
         let odds = (more.evidence.ln - wave.evidence.ln).exp();
         assert_eq!(explanations[0].name, "wave");
         assert!((more.probability / wave.probability / odds - 1.0).abs() < 1e-6, "{explanations:?}");
+    }
+
+    #[test]
+    fn an_effect_that_closes_half_is_likelier_than_not_and_not_settled() {
+        let kept = [0.1, 0.15, 0.25, 0.35, 0.625, 0.9, 1.0].map(|closes| along(&CLOSES, closes));
+        let expected = [0.0, 0.0, 0.3, 0.6, 0.8, 1.0, 1.0];
+        assert!(kept.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
     }
 
     #[test]

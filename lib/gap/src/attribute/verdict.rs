@@ -131,9 +131,11 @@ fn add_beyond(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanatio
 
 fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
     let (side, relation) = if lean.is_upper { ("upper", "larger") } else { ("lower", "smaller") };
+    // One that was made wider has digits of rounding.
+    let bound = format!("{:.5e}", lean.bound).parse().unwrap_or(lean.bound);
     verdicts.add("leans", &lean.parameter, format!(
-        "under {} the measurement wants {} to be {relation} than its {side} bound, {} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
-        lean.hypothesis, lean.parameter, lean.bound
+        "under {} the measurement wants {} to be {relation} than its {side} bound, {bound} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
+        lean.hypothesis, lean.parameter
     ));
 }
 
