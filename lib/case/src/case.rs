@@ -172,6 +172,12 @@ impl Case {
     /// Name of the file.
     pub const FILE: &str = "case.toml";
 
+    /// First part of the name of each run of a calibration: with effects in another one, so that the runs of a
+    /// calibration without them can stand beside it.
+    pub fn name_of_runs(&self) -> String {
+        if self.effects.is_empty() { self.name.clone() } else { format!("{}-effects", self.name) }
+    }
+
     /// Read the case in a folder; settings in `given`, each `KEY=VALUE`, win over those of its `case.toml`.
     ///
     /// # Errors

@@ -451,6 +451,25 @@ fn a_cause_that_stands_out_is_found_and_put_in_with_few_runs() {
 }
 
 #[test]
+fn runs_without_an_effect_are_runs_of_the_calibration_with_it_where_its_bounds_hold_that_value() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &[]);
+    let params = folder.read("case/params.txt");
+    let params =
+        params.replace("w\t0.3\t10\tlog", "w\t0\t10\tlinear").replace("E_m\t8.5\t10", "E_m\t8.8\t9.6");
+    folder.write("case/params.txt", &params);
+    let calibrate = |arguments: &[&str]| finish(driver(&folder, "gl-calibrate").arg("case").args(arguments));
+    calibrate(&["iterations=1", "--out", "base"]);
+    fs::create_dir(folder.path("known")).unwrap();
+    fs::copy(folder.path("base/iter0/samples.txt"), folder.path("known/samples.txt")).unwrap();
+    fs::copy(folder.path("base/ensemble.txt"), folder.path("known/ensemble.txt")).unwrap();
+    calibrate(&["iterations=2", "effects=adhesion", "--with", "known", "--out", "after"]);
+    assert!(!folder.path("after/iter1/fallback.txt").exists());
+    let (known, own) = (rows(&folder, "known/samples.txt"), all_runs(&folder, "after"));
+    assert_eq!(folder.quantity("after/posterior.txt", "runs") as usize, known + own);
+}
+
+#[test]
 fn a_diagnosis_goes_on_where_it_was() {
     let folder = Folder::default();
     copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);

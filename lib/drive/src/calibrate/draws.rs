@@ -60,7 +60,7 @@ impl Iteration<'_> {
             .option("--scatter", case.scatter)
             .option("--seed", Some(case.seed + self.number as u64))
             .option("--next", Some(runs))
-            .flag("--name", &case.name)
+            .flag("--name", case.name_of_runs())
             .option("--iteration", Some(next))
             .option("--threads", case.threads)
     }

@@ -130,7 +130,7 @@ impl<'a> Iteration<'a> {
         let named = |call: Call, seed: u64| {
             call.option("--threads", case.threads)
                 .option("--seed", Some(seed))
-                .flag("--name", &case.name)
+                .flag("--name", case.name_of_runs())
                 .option("--iteration", Some(self.number))
         };
         make_folder(&self.folder)?;

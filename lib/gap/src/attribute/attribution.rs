@@ -302,24 +302,33 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Resul
         .collect()
 }
 
+/// What is taken from effects with a rest, since they close little beside it, goes to something unknown, unless the same
+/// effects do without the rest, by their ln weights: this share goes to them.
+fn of_alone(alone: f64, with_rest: f64, unknown: f64) -> f64 {
+    /// Odds from which on a rest is needed.
+    const NEEDED: f64 = 20.0;
+    let hardly_needed = 1.0 / (1.0 + (with_rest - alone).exp() / NEEDED);
+    hardly_needed / (1.0 + (unknown - alone).exp())
+}
+
 /// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
 /// nothing from the effects that are in.
 fn rule_out(explanations: &mut [Explanation]) {
-    let twin = |explanations: &[Explanation], hypothesis: &Hypothesis| {
-        explanations.iter().position(|of| of.has_rest && of.hypothesis == *hypothesis)
+    let same = |explanations: &[Explanation], hypothesis: &Hypothesis, has_rest: bool| {
+        explanations.iter().position(|of| of.has_rest == has_rest && of.hypothesis == *hypothesis)
     };
     for place in 0..explanations.len() {
         let of = &explanations[place];
         if !of.has_rest && of.fits.is_some_and(|fits| fits < INADEQUATE) {
-            let twin = twin(explanations, &of.hypothesis);
+            let with_rest = same(explanations, &of.hypothesis, true);
             explanations[place].ruled_out = Some(RuledOut::Misfit);
             let taken = std::mem::take(&mut explanations[place].probability);
-            if let Some(twin) = twin {
-                explanations[twin].probability += taken;
+            if let Some(with_rest) = with_rest {
+                explanations[with_rest].probability += taken;
             }
         }
     }
-    let Some(unexplained) = twin(explanations, &Vec::new()) else { return };
+    let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
     for place in 0..explanations.len() {
         let of = &mut explanations[place];
         if !of.has_rest || !of.is_cause() {
@@ -332,7 +341,16 @@ fn rule_out(explanations: &mut [Explanation]) {
         }
         let taken = of.probability * (1.0 - kept);
         of.probability -= taken;
-        explanations[unexplained].probability += taken;
+        let of = &explanations[place];
+        let fits = |&alone: &usize| explanations[alone].probability > 0.0;
+        let alone = same(explanations, &of.hypothesis, false).filter(fits);
+        let share = alone.map_or(0.0, |alone| {
+            of_alone(explanations[alone].ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
+        });
+        if let Some(alone) = alone {
+            explanations[alone].probability += share * taken;
+        }
+        explanations[unexplained].probability += (1.0 - share) * taken;
     }
     // A sum of shares is one by rounding only.
     explanations.iter_mut().for_each(|of| of.probability = of.probability.min(1.0));
@@ -367,6 +385,16 @@ mod tests {
         let kept = [0.1, 0.15, 0.25, 0.35, 0.625, 0.9, 1.0].map(|closes| along(&CLOSES, closes));
         let expected = [0.0, 0.0, 0.3, 0.6, 0.8, 1.0, 1.0];
         assert!(kept.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
+    }
+
+    #[test]
+    fn what_hardly_needs_a_rest_loses_nothing_by_it() {
+        // As likely as with a rest, and far likelier than something unknown alone.
+        assert!((of_alone(0.0, 0.0, -60.0) - 20.0 / 21.0).abs() < 1e-12);
+        assert!((of_alone(0.0, 0.0, 0.0) - 10.0 / 21.0).abs() < 1e-12);
+        // A rest is needed: something unknown is at work, and the effect closes little of it.
+        assert!(of_alone(-20.0, 0.0, -30.0) < 1e-6);
+        assert!(of_alone(f64::NEG_INFINITY, 0.0, -30.0) == 0.0);
     }
 
     #[test]
