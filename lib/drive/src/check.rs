@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
-use gl_engine::model::{Model, find_program};
+use gl_engine::model::{Model, find_program, split_words};
 use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
@@ -40,6 +40,13 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let parameters = counted(prior.names().len(), "parameter");
     verdicts.add("case", &case.name, format!("{}: {parameters} against {told}", case.folder.display()));
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
+    for name in unused(&case, engine, &prior)? {
+        verdicts.add(
+            "unused",
+            &name,
+            format!("no run has {{{name}}} in its command, so that it changes nothing"),
+        );
+    }
     let out = request.folder("")?;
     plan.forecast(&out, &request.folder("-diagnosis")?, &mut verdicts)?;
     let runs = if prior.effects().is_empty() { plan.calibration() } else { plan.diagnosis() };
@@ -47,6 +54,23 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");
     verdicts.add("megabytes", needed, text);
     Ok(verdicts)
+}
+
+/// Parameters that the command of no test is given.
+fn unused(case: &Case, engine: Engine, prior: &Prior) -> Result<Vec<String>> {
+    if matches!(engine, Engine::Embedded | Engine::YadeBatch) {
+        return Ok(Vec::new());
+    }
+    let all = prior.names();
+    let mut names = all.clone();
+    for test in &case.tests {
+        let model = case.model_of(test, engine)?;
+        let is_script = model.trim().ends_with(".py");
+        let command = Model::Command(if is_script { Vec::new() } else { split_words(&model)? });
+        let unused = command.unused(&all);
+        names.retain(|name| unused.contains(&name.as_str()));
+    }
+    Ok(names)
 }
 
 /// `1 run`, `2 runs`.

@@ -12,7 +12,7 @@ const WIDER_PRIOR: &str = "wider-params.txt";
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_gap::attribute::winner::winning_effects;
 use gl_gap::shrink::COLUMNS;
@@ -47,6 +47,11 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("-diagnosis")?;
+    ensure!(
+        !out.as_os_str().as_encoded_bytes().contains(&b','),
+        "{}: commas part the tables that gl-gap-shrink takes; choose a folder without",
+        out.display()
+    );
     check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
     let _lock = alone(&out, "gl-diagnose")?;
     let runner = Runner::new(&out)?;
@@ -170,8 +175,9 @@ impl Diagnosis<'_> {
         if effects.is_empty() {
             return self.no_shrink(&table);
         }
+        // Commas part the tables that tools take.
+        let after = self.file(&format!("after-{}", effects.join("+")));
         let effects = effects.join(",");
-        let after = self.file(&format!("after-{effects}"));
         if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }

@@ -57,7 +57,24 @@ impl Model {
             }
         }
         check_program(&mut words[0], case)?;
+        for word in &words {
+            let is_of_case = word.starts_with("{case}/") && placeholders(word).all(|name| name == "case");
+            let file = replace(word, &HashMap::from([("case", case.display().to_string().as_str())]));
+            ensure!(!is_of_case || Path::new(&file).exists(), "MODEL: no file {file}");
+        }
         Ok(Self::Command(words))
+    }
+
+    /// Columns that a command does not have, although it has some of them: what they are changes nothing in its runs. A
+    /// script is given all of them.
+    pub fn unused<'n>(&self, columns: &'n [String]) -> Vec<&'n str> {
+        let Self::Command(words) = self else { return Vec::new() };
+        let is_used =
+            |column: &&String| words.iter().any(|word| placeholders(word).any(|name| name == *column));
+        if !columns.iter().any(|column| is_used(&column)) {
+            return Vec::new();
+        }
+        columns.iter().filter(|column| !is_used(column)).map(String::as_str).collect()
     }
 
     /// The words of the command for a row, its placeholders filled in.
@@ -230,6 +247,17 @@ mod tests {
     }
 
     #[test]
+    fn what_a_command_is_not_given_is_said() {
+        let columns = ["E_m", "mu.0", "key"].map(str::to_owned);
+        let unused = |text: &str| Model::Command(words(text)).unused(&columns).join(" ");
+        assert_eq!(unused("prog {E_m} --x={mu.0}"), "key");
+        assert_eq!(unused("prog {E_m} {mu.0} {key}"), "");
+        // It reads its parameters by another way.
+        assert_eq!(unused("prog {description}"), "");
+        assert!(Model::Yade("model.py".into()).unused(&columns).is_empty());
+    }
+
+    #[test]
     fn models_that_cannot_run_are_refused_with_what_would_be_right() {
         for (model, message) in [
             (" \t", "MODEL is empty"),
@@ -237,6 +265,7 @@ mod tests {
             ("no-such-program {E_m}", "no program no-such-program"),
             ("./no-such-program", "no program ./no-such-program"),
             ("{case}/no-such-program", "no program"),
+            ("true {case}/no-such-script.py", "no-such-script.py"),
             ("/etc/passwd", "chmod +x"),
             ("true 'a", "a quote is not closed"),
             ("absent.py", "no such script"),

@@ -128,6 +128,13 @@ fn mean_square_difference(x: &[f64], lag: usize) -> Option<f64> {
     trimmed_mean_square(x.windows(lag + 1).map(|w| w[lag] - w[0]))
 }
 
+/// The variance of white noise about a smooth curve, from second differences without their largest tenth: 6σ² is expected
+/// of their squares. None where there are too few steps to say.
+pub fn white_variance(x: &[f64]) -> Option<f64> {
+    let seconds = x.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+    trimmed_mean_square(seconds).filter(|_| x.len() >= FEWEST_STEPS).map(|square| square / 6.0)
+}
+
 /// Mean square without the largest tenth, made consistent for normal values.
 fn trimmed_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     // For |x| below its 90 % quantile q: E[x²] = 1 − 2 q φ(q) / 0.9, with q = 1.6449.

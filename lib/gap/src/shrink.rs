@@ -4,9 +4,10 @@ use anyhow::{Result, bail, ensure};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::hat::Hat;
-use super::noise::{Noise, check_steps, scale, standard_normal};
+use super::noise::{Noise, check_steps, scale, standard_normal, white_variance};
 use super::residual::{gap, spread};
 use super::scatter::{Scatter, scatter};
 use gl_inference::ensemble::Ensemble;
@@ -47,6 +48,8 @@ pub struct Shrink {
     pub low: f64,
     /// Upper end of the 90 % interval.
     pub high: f64,
+    /// How many times the stated noise is the one that was counted with; 1 of all, and where none is stated.
+    pub noise_scale: f64,
 }
 
 const REPLICATES: usize = 499;
@@ -101,6 +104,8 @@ pub fn shrink(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<V
 struct Measured {
     squares: Squares,
     replicates: Vec<Squares>,
+    /// Shape (observables,).
+    noise_scales: Vec<f64>,
 }
 
 impl Measured {
@@ -117,11 +122,12 @@ impl Measured {
         Self {
             squares: joined(&|test| &test.squares),
             replicates: (0..REPLICATES).map(|number| joined(&|test| &test.replicates[number])).collect(),
+            noise_scales: tests.iter().flat_map(|test| test.noise_scales.clone()).collect(),
         }
     }
 
     fn summarised(&self) -> Vec<Shrink> {
-        let Self { squares, replicates } = self;
+        let Self { squares, replicates, noise_scales } = self;
         (0..squares.len())
             .map(|j| {
                 let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
@@ -131,7 +137,8 @@ impl Measured {
                     let away = |i: usize| replicate[j][i] - means[i];
                     [0, 1].map(|i| away(i) - away(2 + i) + (means[2 + i] - squares[j][2 + i]))
                 });
-                summarise(squares[j], errors)
+                let noise_scale = noise_scales.get(j).copied().unwrap_or(1.0);
+                Shrink { noise_scale, ..summarise(squares[j], errors) }
             })
             .collect()
     }
@@ -145,11 +152,13 @@ fn with_mean(mut squares: Squares) -> Squares {
 }
 
 /// The squared gaps of one test, as they are measured and drawn again.
-struct Problem<'a> {
+struct Problem {
     ranges: Vec<f64>,
     scales: Vec<f64>,
     steps: Vec<usize>,
-    noise_sd: Option<&'a [Vec<f64>]>,
+    noise_sd: Option<Vec<Vec<f64>>>,
+    /// How many times the stated noise that is, shape (observables,).
+    noise_scales: Vec<f64>,
     noises: Vec<Noise>,
     /// Before and after, shape (observables, steps).
     gaps: [Vec<Vec<f64>>; 2],
@@ -164,8 +173,8 @@ struct Problem<'a> {
 /// Squared gaps of every observable, and then of all: before and after, then the floors of the two.
 type Squares = Vec<[f64; 4]>;
 
-impl<'a> Problem<'a> {
-    fn new(test: &Compared<'a>, scatter_share: f64) -> Result<Self> {
+impl Problem {
+    fn new(test: &Compared<'_>, scatter_share: f64) -> Result<Self> {
         let &Compared { observations, noise_sd, unseen, before, after } = test;
         let ranges = observations.ranges();
         if let Some(j) = ranges.iter().position(|&range| range == 0.0) {
@@ -182,14 +191,27 @@ impl<'a> Problem<'a> {
             gap(observations, &after.ensemble, &weights[1])?,
         ];
         let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
-        let noises = Noise::estimate(&gaps[1], noise_sd, &scales);
-        let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
-        let of = |calibrated: &Calibrated, weights: &[f64]| {
-            scatter(&calibrated.ensemble, &calibrated.weights, weights, &sd)
+        let of = |calibrated: &Calibrated, weights: &[f64], sd: &[Vec<f64>]| {
+            scatter(&calibrated.ensemble, &calibrated.weights, weights, sd)
         };
-        let Scatter { mut runs, hat } = of(after, &weights[1]);
+        let (mut noise_sd, mut noise_scales) = (noise_sd.map(<[_]>::to_vec), vec![1.0; ranges.len()]);
+        if let Some(stated) = &mut noise_sd {
+            let Scatter { mut runs, hat } = of(after, &weights[1], stated);
+            runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
+            // A fit takes its part of the noise where it saw it, and nowhere else.
+            let hat = if unseen.is_some() { Hat::default() } else { hat };
+            noise_scales = found_noise(stated, &gaps[1], &hat, &runs);
+            stated
+                .iter_mut()
+                .zip(&noise_scales)
+                .for_each(|(sd, scale)| sd.iter_mut().for_each(|sd| *sd *= scale));
+        }
+        let noises = Noise::estimate(&gaps[1], noise_sd.as_deref(), &scales);
+        let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
+        let Scatter { mut runs, hat } = of(after, &weights[1], &sd);
         // A fit has not followed a noise that it did not see.
-        let hats = if unseen.is_some() { Default::default() } else { [of(before, &weights[0]).hat, hat] };
+        let hats =
+            if unseen.is_some() { Default::default() } else { [of(before, &weights[0], &sd).hat, hat] };
         runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
         let runs = hats.each_ref().map(|hat| {
             let mut runs = runs.clone();
@@ -204,7 +226,7 @@ impl<'a> Problem<'a> {
                 doubt
             });
         let steps = unseen.map_or_else(|| (0..observations.steps()).collect(), <[usize]>::to_vec);
-        Ok(Self { ranges, scales, steps, noise_sd, noises, gaps, hats, runs, doubts })
+        Ok(Self { ranges, scales, steps, noise_sd, noise_scales, noises, gaps, hats, runs, doubts })
     }
 
     fn solve(&self, seed: u64) -> Measured {
@@ -216,7 +238,7 @@ impl<'a> Problem<'a> {
             self.replicate(&true_gaps, &mut rng)
         };
         let replicates: Vec<Squares> = (0..REPLICATES).into_par_iter().map(replicate).collect();
-        Measured { squares, replicates }
+        Measured { squares, replicates, noise_scales: self.noise_scales.clone() }
     }
 
     /// Squares of gaps of shape (observables, steps), and the floors that noises give.
@@ -275,9 +297,44 @@ impl<'a> Problem<'a> {
                 gaps.iter_mut().flatten().zip(doubt).for_each(|(gap, d)| *gap += along * d);
             }
         }
-        let noises = Noise::estimate(&gaps[1], self.noise_sd, &self.scales);
+        let noises = Noise::estimate(&gaps[1], self.noise_sd.as_deref(), &self.scales);
         self.squares(&gaps, &noises)
     }
+}
+
+/// How many times the stated noise the readings scatter by, shape (observables,), by what a calibration leaves of them: 1
+/// but where they clearly do otherwise. `runs` is the scatter that the measurement has, too.
+///
+/// Less, where all that is left is less than noise and scatter would leave by chance; more, where it changes more from step
+/// to step, by second differences, than neither a smooth gap nor a correlated noise does.
+fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec<f64>>]) -> Vec<f64> {
+    /// Within this factor the noise is as stated.
+    const OTHER: f64 = 1.4;
+    /// By chance there is as little left in one case of a hundred.
+    const CHANCE: f64 = 0.01;
+    let white: Vec<Noise> = stated.iter().map(|sd| Noise { sd: sd.clone(), phi: 0.0 }).collect();
+    let left = hat.left(&white);
+    let of = |j: usize| {
+        let in_units =
+            |curve: &[f64]| -> Vec<f64> { curve.iter().zip(&stated[j]).map(|(y, sd)| y / sd).collect() };
+        let square = |curve: &[f64]| in_units(curve).iter().map(|y| y * y).sum::<f64>();
+        let mean = |of: &dyn Fn(&[f64]) -> f64| {
+            runs.iter().map(|run| of(&run[j])).sum::<f64>() / runs.len().max(1) as f64
+        };
+        let expected: f64 = left[j].iter().zip(&stated[j]).map(|(left, sd)| left / (sd * sd)).sum();
+        let is_little = ChiSquared::new(expected.max(1.0)).is_ok_and(|chi| chi.cdf(square(&gap[j])) < CHANCE);
+        let less = (square(&gap[j]) / expected.max(1.0)).sqrt();
+        let rough = |curve: &[f64]| white_variance(&in_units(curve)).unwrap_or(0.0);
+        let more = (rough(&gap[j]) - mean(&rough)).max(0.0).sqrt();
+        if is_little && less < 1.0 / OTHER {
+            less
+        } else if more > OTHER {
+            more
+        } else {
+            1.0
+        }
+    };
+    (0..stated.len()).map(of).collect()
 }
 
 /// The estimate, and its interval from the errors of the excess squares before and after.
@@ -304,6 +361,21 @@ fn summarise(squares: [f64; 4], errors: impl Iterator<Item = [f64; 2]>) -> Shrin
         shrink,
         low: cut,
         high: high[REPLICATES - 1 - REPLICATES / 20].max(shrink),
+        noise_scale: 1.0,
+    }
+}
+
+/// That a noise was counted otherwise than stated, for each observable of which that is so.
+pub fn noise_verdict(verdicts: &mut Verdicts, shrinks: &[Shrink], observables: &[String]) {
+    for (name, of) in observables.iter().zip(shrinks).filter(|(_, of)| of.noise_scale != 1.0) {
+        verdicts.add(
+            "noise-scale",
+            of.noise_scale,
+            format!(
+                "The readings of {name} scatter {:.2} times what was stated; the gap is above that.",
+                of.noise_scale
+            ),
+        );
     }
 }
 
@@ -395,6 +467,26 @@ mod tests {
             misfit: None,
             error: None,
             weight,
+        }
+    }
+
+    #[test]
+    fn a_noise_that_is_clearly_not_as_stated_is_counted_as_it_is() {
+        let found = |stated: f64, phi: f64, gap: f64, seed: u64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let mut curve = Noise { sd: vec![1.0; STEPS], phi }.draw(&mut rng);
+            curve.iter_mut().enumerate().for_each(|(t, y)| *y += gap * (6.0 * t as f64 / STEPS as f64).sin());
+            found_noise(&[vec![stated; STEPS]], &[curve], &Hat::default(), &[])[0]
+        };
+        for seed in 0..100 {
+            assert!((0.3..0.7).contains(&found(2.0, 0.0, 0.0, seed)), "{seed}");
+        }
+        let mean = |of: &dyn Fn(u64) -> f64| (0..100).map(of).sum::<f64>() / 100.0;
+        assert!((mean(&|seed| found(0.5, 0.0, 5.0, seed)) - 2.0).abs() < 0.1);
+        // As stated, beside a smooth gap, and correlated.
+        for (phi, gap) in [(0.0, 0.0), (0.0, 5.0), (0.9, 5.0)] {
+            let other = (0..100).filter(|&seed| found(1.0, phi, gap, seed) != 1.0).count();
+            assert!(other <= 5, "{phi} {gap}: {other}");
         }
     }
 

@@ -171,7 +171,9 @@ impl Content {
         let base = Calibration::read(base)?;
         let with = winner(out)?;
         let after = match &with {
-            Some(with) if !with.is_empty() => Some(Calibration::read(&out.join(format!("after-{with}")))?),
+            Some(with) if !with.is_empty() => {
+                Some(Calibration::read(&out.join(format!("after-{}", with.replace(',', "+"))))?)
+            }
             _ => None,
         };
         let gap = Gap::gather(case, out, &base, after.as_ref())?;

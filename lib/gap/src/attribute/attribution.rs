@@ -46,6 +46,8 @@ pub struct Explanation {
     pub fits: Option<f64>,
     /// Share of the base model's gap that its effects close by themselves.
     pub closes: f64,
+    /// Whether it takes a noise that is clearly larger than stated, which may be a rest by another name.
+    pub has_more_noise: bool,
 }
 
 /// Why a hypothesis has no probability.
@@ -83,6 +85,11 @@ impl Explanation {
         self.evidence.modes[0].w.as_slice()
     }
 
+    /// What is kept of its probability, by the share of the gap that it closes.
+    fn kept(&self) -> f64 {
+        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
+    }
+
     /// Whether it names effects as the cause.
     pub fn is_cause(&self) -> bool {
         !self.hypothesis.is_empty()
@@ -108,8 +115,8 @@ const CLOSE: f64 = 5.0;
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
 
-/// What is kept of the probability of an effect beside something else that is at work, too, by the share of the gap that
-/// the effect closes by itself; in between in proportion. What closes little is no part of the cause. What closes half may
+/// What is kept of the probability of an effect beside something else that is at work, too, a rest or more noise than was
+/// stated, by the share of the gap that the effect closes by itself; in between in proportion. What closes little is no part of the cause. What closes half may
 /// be one, or may imitate something that is no candidate: it stays the likelier, but is not settled.
 const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 
@@ -124,6 +131,9 @@ fn along(points: &[(f64, f64)], x: f64) -> f64 {
     });
     points[0].1 + rises.sum::<f64>()
 }
+
+/// A noise that is so many times the stated one, or the stated one so many times it, is another one.
+pub const OTHER_NOISE: f64 = 1.4;
 
 /// A hypothesis with what a search found.
 struct Found<'a> {
@@ -186,6 +196,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 evidence,
                 fits: None,
                 closes: 0.0,
+                has_more_noise: false,
                 hypothesis: set,
             })
         })
@@ -296,6 +307,8 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Resul
                 of.fits = Some(predictive_probability(&of.model(problem), &of.evidence.modes[0])?);
             }
             of.closes = closes(problem, &base, of)?;
+            let scales = of.model(problem).nuisances(of.best()).scales;
+            of.has_more_noise = problem.is_noise_stated && scales.iter().any(|scale| *scale > OTHER_NOISE);
             Ok(())
         })
         .inspect(|_| looking.advance())
@@ -331,21 +344,21 @@ fn rule_out(explanations: &mut [Explanation]) {
     let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
     for place in 0..explanations.len() {
         let of = &mut explanations[place];
-        if !of.has_rest || !of.is_cause() {
+        if !of.is_cause() || !(of.has_rest || of.has_more_noise) {
             continue;
         }
-        let of_closes: &[(f64, f64)] = if of.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES };
-        let kept = along(of_closes, of.closes);
+        let kept = of.kept();
         if kept == 0.0 {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
         }
         let taken = of.probability * (1.0 - kept);
         of.probability -= taken;
         let of = &explanations[place];
-        let fits = |&alone: &usize| explanations[alone].probability > 0.0;
+        let fits = |&alone: &usize| of.has_rest && explanations[alone].probability > 0.0;
         let alone = same(explanations, &of.hypothesis, false).filter(fits);
         let share = alone.map_or(0.0, |alone| {
-            of_alone(explanations[alone].ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
+            let alone = &explanations[alone];
+            alone.kept() * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
         });
         if let Some(alone) = alone {
             explanations[alone].probability += share * taken;

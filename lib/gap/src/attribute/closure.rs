@@ -28,16 +28,27 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    let squares = left_of_noise(model, w, &model.nuisances(w).scales, (model, w))?;
+    floor_in(&model.problem().ranges, model, w)
+}
+
+/// The same in other units than the ranges, shape (observables,).
+fn floor_in(units: &[f64], model: &Model<'_>, w: &[f64]) -> Result<f64> {
+    let squares = left_of_noise(units, model, w, &model.nuisances(w).scales, (model, w))?;
     Ok(squares.iter().sum::<f64>().sqrt())
 }
 
 /// A model without a rest and its parameters, by whose noise and scatter is calibrated.
 type Metric<'m, 'a> = (&'m Model<'a>, &'m [f64]);
 
-/// Mean squares over the ranges of what calibration leaves of noise of these scales, shape (observables,), and of the
-/// scatter: that of the noise of each observable, and behind them that of the scatter.
-fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_, '_>) -> Result<Vec<f64>> {
+/// Mean squares, in units of each observable, of what calibration leaves of noise of these scales, shape (observables,),
+/// and of the scatter: that of the noise of each observable, and behind them that of the scatter.
+fn left_of_noise(
+    units: &[f64],
+    model: &Model<'_>,
+    w: &[f64],
+    scales: &[f64],
+    metric: Metric<'_, '_>,
+) -> Result<Vec<f64>> {
     let problem = model.problem();
     let (_, slopes) = model.gradient(w);
     let mut errors = problem.measurement_errors(scales);
@@ -47,9 +58,7 @@ fn left_of_noise(model: &Model<'_>, w: &[f64], scales: &[f64], metric: Metric<'_
     let mut squares = vec![0.0; scales.len() + 1];
     for (k, error) in errors.column_iter().enumerate() {
         let of = if k < scattered { scales.len() } else { problem.observable_of(k - scattered) };
-        let share = |(i, e): (usize, &f64)| {
-            problem.counts(i) * (e / problem.ranges[problem.observable_of(i)]).powi(2)
-        };
+        let share = |(i, e): (usize, &f64)| problem.counts(i) * (e / units[problem.observable_of(i)]).powi(2);
         squares[of] += error.iter().enumerate().map(share).sum::<f64>() / readings as f64;
     }
     Ok(squares)
@@ -81,7 +90,8 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 
 /// Share of the base model's gap that the effects of an explanation close by themselves, fitted with the rest in
 /// the covariance if it has one: the gap that is left when the base parameters are calibrated again beside
-/// them, above what noise and scatter would give, of the gap before. Readings that are far off do not count.
+/// them, above what noise and scatter would give, of the gap before. Each observable counts in units of its noise and
+/// scatter: one that is noisy over its whole range has no gap to close. Readings that are far off do not count.
 ///
 /// Where bounds are wider than was believed, neither goes further beyond than the explanation does: the base model
 /// closes no gap by what is not believed, and an effect closes none by what the base parameters do.
@@ -91,6 +101,8 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Result<f64> {
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
+    let scales = model.nuisances(w).scales;
+    let units: Vec<f64> = (0..scales.len()).map(|j| problem.spread(j, &scales)).collect();
     let is_wider = problem.beliefs.iter().any(Option::is_some);
     let within = is_wider.then(|| believed(problem, &problem.prior.base(), &model.point(w)));
     let left_by = |explanation: &Explanation| -> Result<f64> {
@@ -108,12 +120,11 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
             }
         };
         let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
-        let share =
-            |i: usize| problem.counts(i) * (left[i] / problem.ranges[problem.observable_of(i)]).powi(2);
+        let share = |i: usize| problem.counts(i) * (left[i] / units[problem.observable_of(i)]).powi(2);
         let squares: Vec<f64> = counted.map(share).collect();
         Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     };
-    Ok(1.0 - left(left_by(base)?, left_by(of)?, floor(&model, w)?))
+    Ok(1.0 - left(left_by(base)?, left_by(of)?, floor_in(&units, &model, w)?))
 }
 
 /// A parameter of the prior, and the coordinates between which it stays.
@@ -242,7 +253,7 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     let metric = (&plain, stated.as_slice());
     let own_floor = |fitted: &Fitted<'_>| {
         let own = fitted.model.plain();
-        left_of_noise(&own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
+        left_of_noise(&own.problem().ranges, &own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
     };
     let floors = [own_floor(before)?, own_floor(after)?];
     let levels = noise_levels(after, &scales, &mut random);

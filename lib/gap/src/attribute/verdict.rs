@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::{Explanation, OTHER_NOISE, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::forecast::{Effort, effort};
@@ -23,9 +23,6 @@ const MOST: f64 = 0.5;
 
 /// Above this share of noise and scatter what the emulator does not know widens a verdict.
 const IGNORANT: f64 = 0.5;
-
-/// A noise that is so many times the stated one, or the stated one so many times it, is said to be.
-const OTHER_NOISE: f64 = 1.4;
 
 /// Above this correlation from one reading to the next the noise is said to be correlated.
 const CORRELATED: f64 = 0.35;
