@@ -365,23 +365,30 @@ fn summarise(squares: [f64; 4], errors: impl Iterator<Item = [f64; 2]>) -> Shrin
     }
 }
 
-/// That a noise was counted otherwise than stated, for each observable of which that is so.
-pub fn noise_verdict(verdicts: &mut Verdicts, shrinks: &[Shrink], observables: &[String]) {
-    for (name, of) in observables.iter().zip(shrinks).filter(|(_, of)| of.noise_scale != 1.0) {
-        verdicts.add(
-            "noise-scale",
-            of.noise_scale,
-            format!(
-                "The readings of {name} scatter {:.2} times what was stated; the gap is above that.",
-                of.noise_scale
-            ),
-        );
+/// What is to be said of single observables: where the gap closes although all together do not show it, since the noise of
+/// others hides it; and of which the noise was counted otherwise than stated.
+pub fn add_observables(verdicts: &mut Verdicts, shrinks: &[Shrink], observables: &[String]) {
+    let is_open = shrinks.last().is_some_and(|all| all.low <= 0.0);
+    let closing = observables.iter().zip(shrinks).filter(|(_, of)| is_open && of.low > 0.0);
+    for (name, of) in closing {
+        let [shrink, low, high] = [of.shrink, of.low, of.high].map(percent);
+        let text = format!("In {name} it closes by {shrink} % ({low} to {high} %).");
+        verdicts.add("closes-in", name, text);
     }
+    for (name, of) in observables.iter().zip(shrinks).filter(|(_, of)| of.noise_scale != 1.0) {
+        let times = of.noise_scale;
+        let text =
+            format!("The readings of {name} scatter {times:.2} times what was stated; that is no gap.");
+        verdicts.add("noise-scale", times, text);
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.0}", 100.0 * share)
 }
 
 /// What is concluded, for people and for programs; `is_unseen` where it is of steps that the calibrations did not see.
 pub fn verdict(all: &Shrink, is_unseen: bool) -> Verdicts {
-    let percent = |share: f64| format!("{:.0}", 100.0 * share);
     let (the, there) = match is_unseen {
         true => (
             "On the steps that the calibrations did not see the",

@@ -8,7 +8,7 @@ use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, noise_verdict, shrink, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_observables, shrink, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -141,7 +141,7 @@ fn run(args: &Args) -> Result<()> {
     let shrinks = shrink(&compared, args.scatter, args.seed)?;
     write(args.output.as_deref(), &shrinks, &names)?;
     let mut verdicts = shrinks.last().map(|all| verdict(all, args.calibrated.is_some())).unwrap_or_default();
-    noise_verdict(&mut verdicts, &shrinks, &names);
+    add_observables(&mut verdicts, &shrinks, &names);
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
 }
 
