@@ -78,8 +78,6 @@ def settle(steps=500, unbalanced=0.005):
 name = O.tags['description'] if 'description' in O.tags.keys() else 'by hand'
 seed = int(p.seed) or crc32(('%s %g' % (name, p.p0)).encode()) % 2**31
 friction = LOOSE
-# How often the porosity is looked at while the packing becomes dense: at a large stress it does so faster.
-look = min(100, round(100 * (100 / p.p0) ** 0.5))
 O.periodic = True
 side = 2 * radius * (GRAINS / 0.45) ** (1 / 3)
 O.cell.hSize = Matrix3(side, 0, 0, 0, side, 0, 0, 0, side)
@@ -112,7 +110,7 @@ while porosity() > p.n0:
     if friction < 1e-3:
         raise RuntimeError('porosity %g cannot be reached, only %g' % (p.n0, porosity()))
     setContactFriction(atan(friction))
-    O.run(look, True)
+    O.run(100, True)
 setContactFriction(atan(LOOSE))
 settle()
 
