@@ -286,7 +286,12 @@ fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &T
     columns.extend(prior.names());
     columns.extend(test.given.iter().map(|(name, _)| name.clone()));
     let table = BatchTable::parse("the samples", (columns.join("\t") + "\n").into_bytes())?;
-    Model::check(model, &table, &case.folder).with_context(|| place(case, &format!("model.{engine}")))?;
+    let checked =
+        Model::check(model, &table, &case.folder).with_context(|| place(case, &format!("model.{engine}")))?;
+    // Runs that are kept need none of it.
+    if let Some(file) = checked.missing(&case.folder).filter(|_| case.kept.is_none()) {
+        bail!("{}: no file {file}", place(case, &format!("model.{engine}")));
+    }
     if engine == Engine::YadeBatch && !model.trim().ends_with(".py") {
         bail!("{}: yade-batch runs Yade scripts, which end in .py", place(case, "model.yade-batch"));
     }

@@ -57,12 +57,18 @@ impl Model {
             }
         }
         check_program(&mut words[0], case)?;
-        for word in &words {
-            let is_of_case = word.starts_with("{case}/") && placeholders(word).all(|name| name == "case");
-            let file = replace(word, &HashMap::from([("case", case.display().to_string().as_str())]));
-            ensure!(!is_of_case || Path::new(&file).exists(), "MODEL: no file {file}");
-        }
         Ok(Self::Command(words))
+    }
+
+    /// A file in the folder of the case that a command is given, and that is not there.
+    pub fn missing(&self, case: &Path) -> Option<String> {
+        let Self::Command(words) = self else { return None };
+        let of_case = words
+            .iter()
+            .filter(|word| word.starts_with("{case}/") && placeholders(word).all(|name| name == "case"));
+        let folder = case.display().to_string();
+        let mut files = of_case.map(|word| replace(word, &HashMap::from([("case", folder.as_str())])));
+        files.find(|file| !Path::new(file).exists())
     }
 
     /// Columns that a command does not have, although it has some of them: what they are changes nothing in its runs. A
@@ -255,6 +261,9 @@ mod tests {
         // It reads its parameters by another way.
         assert_eq!(unused("prog {description}"), "");
         assert!(Model::Yade("model.py".into()).unused(&columns).is_empty());
+        let missing = |text: &str| Model::Command(words(text)).missing(Path::new("/etc"));
+        assert_eq!(missing("awk -f {case}/passwd {case}/{E_m}"), None);
+        assert_eq!(missing("awk -f {case}/no-such-script.awk"), Some("/etc/no-such-script.awk".to_owned()));
     }
 
     #[test]
@@ -265,7 +274,6 @@ mod tests {
             ("no-such-program {E_m}", "no program no-such-program"),
             ("./no-such-program", "no program ./no-such-program"),
             ("{case}/no-such-program", "no program"),
-            ("true {case}/no-such-script.py", "no-such-script.py"),
             ("/etc/passwd", "chmod +x"),
             ("true 'a", "a quote is not closed"),
             ("absent.py", "no such script"),

@@ -49,14 +49,15 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Sentence>> {
     Ok(all)
 }
 
-/// With a capital, unless it begins with the name that it is about, and a full stop.
+/// With a capital, unless it begins with the name that it is about, and a full stop, unless it asks.
 fn sentence(text: &str, name: &str) -> String {
     let text = text.trim().trim_end_matches('.');
     let begins_with_name = text.split(' ').next() == Some(name);
+    let end = if text.ends_with('?') { "" } else { "." };
     let mut letters = text.chars();
     match letters.next() {
-        Some(first) if !begins_with_name => format!("{}{}.", first.to_uppercase(), letters.as_str()),
-        Some(_) => format!("{text}."),
+        Some(first) if !begins_with_name => format!("{}{}{end}", first.to_uppercase(), letters.as_str()),
+        Some(_) => format!("{text}{end}"),
         None => String::new(),
     }
 }
