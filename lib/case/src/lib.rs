@@ -9,6 +9,7 @@ mod cluster;
 mod engine;
 mod fields;
 mod file;
+pub mod folders;
 mod model;
 mod overrides;
 mod places;

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
-use gl_engine::model::{Model, find_program, split_words};
+use gl_engine::model::{Model, find_program, split_words, yade_script};
 use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::prior::Prior;
@@ -65,7 +65,7 @@ fn unused(case: &Case, engine: Engine, prior: &Prior) -> Result<Vec<String>> {
     let mut names = all.clone();
     for test in &case.tests {
         let model = case.model_of(test, engine)?;
-        let is_script = model.trim().ends_with(".py");
+        let is_script = yade_script(&model, &case.folder).is_some();
         let command = Model::Command(if is_script { Vec::new() } else { split_words(&model)? });
         let unused = command.unused(&all);
         names.retain(|name| unused.contains(&name.as_str()));
@@ -261,7 +261,7 @@ fn check_model_of_tests(case: &Case, engine: Engine, prior: &Prior) -> Result<()
 /// The model, and the programs that the engine needs.
 fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &Test) -> Result<()> {
     // Whether the kept runs are all that is wanted, the engine says.
-    if case.kept.is_some() && model.trim().ends_with(".py") && find_program("yade").is_none() {
+    if case.kept.is_some() && yade_script(model, &case.folder).is_some() && find_program("yade").is_none() {
         return Ok(());
     }
     let needs = |program: &str, what: &str| match find_program(program) {
@@ -292,7 +292,7 @@ fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &T
     if let Some(file) = checked.missing(&case.folder).filter(|_| case.kept.is_none()) {
         bail!("{}: no file {file}", place(case, &format!("model.{engine}")));
     }
-    if engine == Engine::YadeBatch && !model.trim().ends_with(".py") {
+    if engine == Engine::YadeBatch && yade_script(model, &case.folder).is_none() {
         bail!("{}: yade-batch runs Yade scripts, which end in .py", place(case, "model.yade-batch"));
     }
     Ok(())

@@ -13,6 +13,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
+use gl_case::folders::{self, BASE, BASE_WIDER};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_gap::attribute::winner::winning_effects;
 use gl_gap::shrink::COLUMNS;
@@ -58,7 +59,7 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let settings = request.keep(engine, &out)?;
     let diagnosis =
         Diagnosis { case: &case, engine, model, request, wait, runner: &runner, out: &out, settings };
-    let base = diagnosis.file("base");
+    let base = diagnosis.file(BASE);
     if diagnosis.calibrate(&base, None)? == Progress::InQueue {
         return Ok(Progress::InQueue);
     }
@@ -111,7 +112,7 @@ impl Diagnosis<'_> {
             call = call.arg("misfit_tol=1");
         }
         call = call.args(&self.request.given);
-        if let Some(wider) = self.wider_prior().filter(|_| out != self.file("base")) {
+        if let Some(wider) = self.wider_prior().filter(|_| out != self.file(BASE)) {
             call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
         }
         if let Some(effects) = effects {
@@ -144,7 +145,7 @@ impl Diagnosis<'_> {
 
     /// The calibration of the base model that the gap is measured from: with the wider prior, if there is one.
     fn base(&self) -> PathBuf {
-        self.file(if self.wider_prior().is_some() { "base-wider" } else { "base" })
+        self.file(if self.wider_prior().is_some() { BASE_WIDER } else { BASE })
     }
 
     /// Where the calibrated model misses the measurement.
@@ -175,9 +176,8 @@ impl Diagnosis<'_> {
         if effects.is_empty() {
             return self.no_shrink(&table);
         }
-        // Commas part the tables that tools take.
-        let after = self.file(&format!("after-{}", effects.join("+")));
         let effects = effects.join(",");
+        let after = folders::after(self.out, &effects);
         if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }

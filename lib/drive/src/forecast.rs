@@ -6,6 +6,7 @@ use std::time::SystemTime;
 
 use anyhow::{Context, Result, bail};
 use gl_case::Case;
+use gl_case::folders::BASE;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -79,7 +80,7 @@ impl Plan<'_> {
             verdicts.add("runs-diagnosis", all, text);
         }
         if let Some(measured) =
-            measured(out, &self.tests())?.or(measured(&diagnosis.join("base"), &self.tests())?)
+            measured(out, &self.tests())?.or(measured(&diagnosis.join(BASE), &self.tests())?)
         {
             let each = measured.seconds / f64::from(measured.runs);
             let of_all = if has_effects {

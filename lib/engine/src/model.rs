@@ -160,7 +160,7 @@ fn is_program(file: &Path) -> bool {
 }
 
 /// The name of a Yade script, if the model is one.
-fn yade_script<'a>(text: &'a str, case: &Path) -> Option<&'a str> {
+pub fn yade_script<'a>(text: &'a str, case: &Path) -> Option<&'a str> {
     let name = text.trim();
     let is_script = Path::new(name).extension() == Some(OsStr::new("py"));
     let is_name =

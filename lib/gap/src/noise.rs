@@ -17,6 +17,9 @@ pub struct Noise {
     pub phi: f64,
 }
 
+/// A noise that is so many times the stated one, or the stated one so many times it, is another one.
+pub const OTHER_NOISE: f64 = 1.4;
+
 /// Fewest steps from which a noise can be estimated.
 const FEWEST_STEPS: usize = 8;
 
@@ -78,11 +81,8 @@ impl Noise {
     /// The noise of one residual whose standard deviation is known.
     fn with_sd(residual: &[f64], sd: &[f64]) -> Self {
         let standardised: Vec<f64> = residual.iter().zip(sd).map(|(r, sd)| r / sd).collect();
-        let seconds = standardised.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
-        let phi = match trimmed_mean_square(seconds) {
-            Some(square) if residual.len() >= FEWEST_STEPS => 2.0 - (1.0 + square / 2.0).sqrt(),
-            _ => 0.0,
-        };
+        let phi = mean_square_second_difference(&standardised)
+            .map_or(0.0, |square| 2.0 - (1.0 + square / 2.0).sqrt());
         Self { sd: sd.to_vec(), phi: phi.clamp(0.0, HIGHEST_PHI) }
     }
 
@@ -131,8 +131,13 @@ fn mean_square_difference(x: &[f64], lag: usize) -> Option<f64> {
 /// The variance of white noise about a smooth curve, from second differences without their largest tenth: 6σ² is expected
 /// of their squares. None where there are too few steps to say.
 pub fn white_variance(x: &[f64]) -> Option<f64> {
+    mean_square_second_difference(x).map(|square| square / 6.0)
+}
+
+/// Mean square of the second differences without their largest tenth; none of too few steps.
+fn mean_square_second_difference(x: &[f64]) -> Option<f64> {
     let seconds = x.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
-    trimmed_mean_square(seconds).filter(|_| x.len() >= FEWEST_STEPS).map(|square| square / 6.0)
+    trimmed_mean_square(seconds).filter(|_| x.len() >= FEWEST_STEPS)
 }
 
 /// Mean square without the largest tenth, made consistent for normal values.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::hat::Hat;
-use super::noise::{Noise, check_steps, scale, standard_normal, white_variance};
+use super::noise::{Noise, OTHER_NOISE, check_steps, scale, standard_normal, white_variance};
 use super::residual::{gap, spread};
 use super::scatter::{Scatter, scatter};
 use gl_inference::ensemble::Ensemble;
@@ -192,12 +192,13 @@ impl Problem {
         ];
         let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
         let of = |calibrated: &Calibrated, weights: &[f64], sd: &[Vec<f64>]| {
-            scatter(&calibrated.ensemble, &calibrated.weights, weights, sd)
+            let mut of = scatter(&calibrated.ensemble, &calibrated.weights, weights, sd);
+            of.runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
+            of
         };
         let (mut noise_sd, mut noise_scales) = (noise_sd.map(<[_]>::to_vec), vec![1.0; ranges.len()]);
         if let Some(stated) = &mut noise_sd {
-            let Scatter { mut runs, hat } = of(after, &weights[1], stated);
-            runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
+            let Scatter { runs, hat } = of(after, &weights[1], stated);
             // A fit takes its part of the noise where it saw it, and nowhere else.
             let hat = if unseen.is_some() { Hat::default() } else { hat };
             noise_scales = found_noise(stated, &gaps[1], &hat, &runs);
@@ -208,11 +209,10 @@ impl Problem {
         }
         let noises = Noise::estimate(&gaps[1], noise_sd.as_deref(), &scales);
         let sd: Vec<Vec<f64>> = noises.iter().map(|noise| noise.sd.clone()).collect();
-        let Scatter { mut runs, hat } = of(after, &weights[1], &sd);
+        let Scatter { runs, hat } = of(after, &weights[1], &sd);
         // A fit has not followed a noise that it did not see.
         let hats =
             if unseen.is_some() { Default::default() } else { [of(before, &weights[0], &sd).hat, hat] };
-        runs.iter_mut().flatten().flatten().for_each(|s| *s *= scatter_share.sqrt());
         let runs = hats.each_ref().map(|hat| {
             let mut runs = runs.clone();
             runs.iter_mut().for_each(|run| hat.take_out(run, &noises));
@@ -308,8 +308,6 @@ impl Problem {
 /// Less, where all that is left is less than noise and scatter would leave by chance; more, where it changes more from step
 /// to step, by second differences, than neither a smooth gap nor a correlated noise does.
 fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec<f64>>]) -> Vec<f64> {
-    /// Within this factor the noise is as stated.
-    const OTHER: f64 = 1.4;
     /// By chance there is as little left in one case of a hundred.
     const CHANCE: f64 = 0.01;
     let white: Vec<Noise> = stated.iter().map(|sd| Noise { sd: sd.clone(), phi: 0.0 }).collect();
@@ -326,9 +324,9 @@ fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec
         let less = (square(&gap[j]) / expected.max(1.0)).sqrt();
         let rough = |curve: &[f64]| white_variance(&in_units(curve)).unwrap_or(0.0);
         let more = (rough(&gap[j]) - mean(&rough)).max(0.0).sqrt();
-        if is_little && less < 1.0 / OTHER {
+        if is_little && less < 1.0 / OTHER_NOISE {
             less
-        } else if more > OTHER {
+        } else if more > OTHER_NOISE {
             more
         } else {
             1.0

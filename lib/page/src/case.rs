@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use gl_case::folders::BASE;
 use gl_case::{Case as Settled, Column, Engine, Settings, Test};
 use gl_inference::prior::Prior;
 
@@ -80,7 +81,7 @@ impl Case {
     /// If one of its files cannot be read or is of no use, or it has no measurement.
     pub fn read(folder: &Path, engine: Option<Engine>, out: &Path, given: &[String]) -> Result<Self> {
         let settings = match Settings::read(out)? {
-            None => Settings::read(&out.join("base"))?,
+            None => Settings::read(&out.join(BASE))?,
             settings => settings,
         };
         let mut kept = settings.as_ref().map(|settings| settings.given.clone()).unwrap_or_default();

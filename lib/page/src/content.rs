@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_case::folders;
 use gl_figure::number::significant;
 use gl_inference::collect::RunStatus;
 use gl_inference::times::{TIMES, Took};
@@ -171,9 +172,7 @@ impl Content {
         let base = Calibration::read(base)?;
         let with = winner(out)?;
         let after = match &with {
-            Some(with) if !with.is_empty() => {
-                Some(Calibration::read(&out.join(format!("after-{}", with.replace(',', "+"))))?)
-            }
+            Some(with) if !with.is_empty() => Some(Calibration::read(&folders::after(out, with))?),
             _ => None,
         };
         let gap = Gap::gather(case, out, &base, after.as_ref())?;

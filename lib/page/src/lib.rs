@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use gl_case::Engine;
+use gl_case::folders::{BASE, BASE_WIDER};
 use gl_table::Sink;
 
 /// Write OUT/report.html, and for a diagnosis OUT/report.md; what was written.
@@ -32,9 +33,9 @@ use gl_table::Sink;
 /// If there is no calibration in the folder, a table cannot be read, or a picture cannot be drawn.
 pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) -> Result<Vec<PathBuf>> {
     let case = case::Case::read(case, engine, out, given)?;
-    let has_base = out.join("base").is_dir();
-    let wider = Some(out.join("base-wider")).filter(|wider| wider.is_dir());
-    let base = if has_base { wider.unwrap_or_else(|| out.join("base")) } else { out.to_owned() };
+    let has_base = out.join(BASE).is_dir();
+    let wider = Some(out.join(BASE_WIDER)).filter(|wider| wider.is_dir());
+    let base = if has_base { wider.unwrap_or_else(|| out.join(BASE)) } else { out.to_owned() };
     ensure!(
         base.join("posterior.txt").exists(),
         "{}: no calibration there; gl-calibrate {} --out {} makes one",

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use anyhow::Result;
+use gl_case::folders::BASE;
 use gl_engine::scheduler::Job;
 use gl_engine::standing::{Runs, roughly};
 use gl_inference::samples::Samples;
@@ -41,7 +42,7 @@ pub fn finished_stage(out: &Path, stage: &Path) -> Result<String> {
 pub fn is_finished(out: &Path, stages: &[PathBuf]) -> bool {
     let Some(last) = stages.last().filter(|last| is_complete(last)) else { return false };
     let time = |path: PathBuf| fs::metadata(path).and_then(|found| found.modified()).ok();
-    if out.join("base").is_dir() {
+    if out.join(BASE).is_dir() {
         return time(out.join("shrink.txt"))
             .is_some_and(|shrink| Some(shrink) >= time(last.join("samples.txt")));
     }

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_case::Test;
+use gl_case::folders::BASE;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
 use gl_gap::design_box::{with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
@@ -183,7 +184,7 @@ impl Round<'_> {
 
     /// The first box; those of later rounds are there already.
     fn narrow(&self) -> Result<()> {
-        let (target, weights) = (self.file("params.txt"), self.diagnosis.file("base").join(RUNS_WEIGHTS));
+        let (target, weights) = (self.file("params.txt"), self.diagnosis.file(BASE).join(RUNS_WEIGHTS));
         let params = self.diagnosis.case.params();
         if self.number > 0 || is_current(&target, &[&params, &weights])? {
             return Ok(());
@@ -289,7 +290,7 @@ impl Round<'_> {
 
     /// The folders of the base calibration's iterations, and of the rounds so far.
     fn folders(&self, with_rounds: bool) -> Vec<PathBuf> {
-        let (base, tests) = (self.diagnosis.file("base"), &self.diagnosis.case.tests);
+        let (base, tests) = (self.diagnosis.file(BASE), &self.diagnosis.case.tests);
         let is_done =
             |folder: &PathBuf| tests.iter().all(|test| within(folder, test).join("ensemble.txt").exists());
         let iterations = (0..).map(|i| base.join(format!("iter{i}"))).take_while(is_done);

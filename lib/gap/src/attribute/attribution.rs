@@ -13,6 +13,7 @@ use crate::attribute::mode::{Mode, find};
 use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
 use crate::attribute::visible::visible;
+use crate::noise::OTHER_NOISE;
 use gl_numeric::statistics::ln_sum_exp;
 use gl_progress::stage;
 
@@ -116,8 +117,9 @@ const CLOSE: f64 = 5.0;
 const BEHIND: f64 = 10.0;
 
 /// What is kept of the probability of an effect beside something else that is at work, too, a rest or more noise than was
-/// stated, by the share of the gap that the effect closes by itself; in between in proportion. What closes little is no part of the cause. What closes half may
-/// be one, or may imitate something that is no candidate: it stays the likelier, but is not settled.
+/// stated, by the share of the gap that the effect closes by itself; in between in proportion. What closes little is no part
+/// of the cause. What closes half may be one, or may imitate something that is no candidate: it stays the likelier, but is
+/// not settled.
 const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 
 /// The same of several effects together, which imitate more.
@@ -131,9 +133,6 @@ fn along(points: &[(f64, f64)], x: f64) -> f64 {
     });
     points[0].1 + rises.sum::<f64>()
 }
-
-/// A noise that is so many times the stated one, or the stated one so many times it, is another one.
-pub const OTHER_NOISE: f64 = 1.4;
 
 /// A hypothesis with what a search found.
 struct Found<'a> {

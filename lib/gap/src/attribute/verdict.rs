@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::attribute::attribution::{Explanation, OTHER_NOISE, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::forecast::{Effort, effort};
@@ -12,6 +12,7 @@ use crate::attribute::marginals::{Marginal, marginals};
 use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::{GoesWith, goes_with};
+use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 

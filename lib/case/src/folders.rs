@@ -1,0 +1,15 @@
+//! The folders of a diagnosis, by the names that what writes, shows and reports them agrees on.
+
+use std::path::{Path, PathBuf};
+
+/// The calibration of the base model.
+pub const BASE: &str = "base";
+
+/// The same within the prior that the design has widened.
+pub const BASE_WIDER: &str = "base-wider";
+
+/// The calibration with some effects in, of a diagnosis in `out`: commas part the effects, but no part of its name, since
+/// they part the tables that tools take, too.
+pub fn after(out: &Path, effects: &str) -> PathBuf {
+    out.join(format!("after-{}", effects.replace(',', "+")))
+}
