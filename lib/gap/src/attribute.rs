@@ -12,7 +12,7 @@
 //! 3. Its evidence. [`mode`] climbs to the most probable parameters, [`evidence`] integrates from there.
 //! 4. All of them. [`attribution`] weighs them against each other and against something that is no
 //!    candidate; [`adequacy`] says whether the winner fits at all, [`confounding`] which of them the
-//!    measurement cannot tell apart, [`forecast`] what it would take to, [`closure`] how far the gap should close, [`marginals`] what is known
+//!    measurement cannot tell apart, [`told`] which of several tests does, [`forecast`] what it would take to, [`closure`] how far the gap should close, [`marginals`] what is known
 //!    of the parameters then.
 //! 5. For a user. [`diagnosis`] goes from tables to a table, [`verdict`] to a few sentences;
 //!    [`next_runs`] says where further runs would teach the emulator most, and [`rounds`] how many and when there are
@@ -47,6 +47,7 @@ pub mod self_check;
 #[cfg(test)]
 mod synthetic_world;
 pub mod test;
+pub mod told;
 pub mod verdict;
 pub mod visible;
 pub mod winner;

@@ -403,6 +403,17 @@ fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
             "No stretch stands out, but the gap changes its sign from reading to reading more than noise does: \
              look at how the readings were taken, or at an oscillation that the model lacks.",
         );
+    } else if fit.scatter <= 1.0 {
+        verdicts.add(
+            "smooth",
+            fit.correlation,
+            format!(
+                "No stretch stands out, and what is left is no larger than noise and posterior spread, but neighbouring \
+                 readings are off to the same side (correlation {:.1}): a gap that a wide posterior hides, or a noise that is \
+                 correlated. A posterior of more runs would tell.",
+                fit.correlation
+            ),
+        );
     } else {
         verdicts.add(
             "noise-scale",

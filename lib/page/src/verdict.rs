@@ -94,6 +94,7 @@ const DOUBTS: &[&str] = &[
     "outliers",
     // of gl-gap-locate and gl-gap-shrink
     "alternates",
+    "smooth",
     "grows",
 ];
 

@@ -142,6 +142,11 @@ fn a_gap_that_alternates_is_no_fit_though_no_stretch_stands_out() {
         Verdicts::read(&directory.path().join("v.tsv")).unwrap().rows[0].code.clone()
     };
     assert_eq!(code("alternating.txt"), "alternates");
+    // Smaller than the noise, and all on one side or the other.
+    let wavy = |step: usize| 1.0 + 0.05 * (step as f64 / 6.0).sin();
+    let rows: String = (0..STEPS).map(|step| format!("{}\t{}\n", step as f64 / 10.0, wavy(step))).collect();
+    fs::write(directory.path().join("wavy.txt"), format!("e\tq\n{rows}")).unwrap();
+    assert_eq!(code("wavy.txt"), "smooth");
     assert_eq!(code("obs.txt"), "gap");
 }
 

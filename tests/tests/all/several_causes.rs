@@ -98,7 +98,10 @@ fn two_tests_of_an_observable_each_are_weighed_to_the_byte_as_one_of_two() {
     let whole = format!("{CALL} -b whole.txt -c x -v y,f --noise y=0.01,f=0.01 {more} whole-runs.txt");
     let tests = format!("{CALL} {LOW} {HIGH} {more} low=low-runs.txt high=high-runs.txt");
     let whole = told(&folder, &whole, &[]);
-    assert_eq!(told(&folder, &tests, &["low.", "high."]), whole);
+    // Which of several tests tells is said of several alone.
+    let of_tests = told(&folder, &tests, &["low.", "high."]);
+    let (by, others): (Vec<&str>, Vec<&str>) = of_tests.lines().partition(|line| line.starts_with("told-by"));
+    assert_eq!((by.len(), others), (1, whole.lines().collect()));
 }
 
 #[test]
@@ -224,6 +227,13 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     assert_eq!(folder.texts("out/attribution.txt", "hypothesis")[0], "bending");
     assert_eq!(folder.texts("out/effects.txt", "effect"), ["bending", "lag(low)", "lag(high)"]);
     assert_eq!(folder.read("out/winner.txt"), "bending\n");
+    // An error of one test leaves what bends in the other.
+    let verdicts = Verdicts::read(&folder.path("out/attribution-verdict.txt")).unwrap();
+    let by = verdicts.rows.iter().find(|row| row.code == "told-by").unwrap();
+    let (rival, teller) =
+        if by.text.contains("from lag(low)") { ("lag(low)", "high") } else { ("lag(high)", "low") };
+    assert!(by.text.starts_with(&format!("bending is told from {rival} by")), "{}", by.text);
+    assert!(by.value.split(',').any(|test| test == teller), "{}", by.value);
     let observables = folder.texts("out/locate.txt", "observable");
     assert!(observables.contains(&"low.y".to_owned()) && observables.contains(&"high.f".to_owned()));
     assert_eq!(folder.texts("out/shrink.txt", "observable"), ["low.y", "high.f", "all"]);

@@ -12,6 +12,7 @@ use crate::attribute::marginals::{Marginal, marginals};
 use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::{GoesWith, goes_with};
+use crate::attribute::told::{Told, told};
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -93,6 +94,7 @@ pub fn verdict(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
     }
+    add_told(&mut verdicts, problem, diagnosis);
     add_rivals(&mut verdicts, problem, diagnosis)?;
     add_hidden(&mut verdicts, problem, diagnosis);
     for of in &diagnosis.attribution.explanations {
@@ -295,6 +297,34 @@ fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation
         };
         verdicts.add("outliers", readings.join(","), text);
     }
+}
+
+/// Which tests tell the cause from the nearest other one.
+fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    /// A test with this gain tells them at 19 to 1 by itself.
+    const TELLS: f64 = 5.89;
+    let Some((rival, tests)) = told(problem, &diagnosis.attribution.explanations, diagnosis.first()) else {
+        return;
+    };
+    let effects = name(&diagnosis.first().hypothesis, &problem.candidates);
+    let (by, others): (Vec<&Told>, Vec<&Told>) = tests.iter().partition(|told| told.gain() >= TELLS);
+    if by.is_empty() {
+        return;
+    }
+    let listed = |of: &[&Told]| {
+        let each = of.iter().map(|told| format!("{} ({:.1} and {:.1})", told.test, told.first, told.rival));
+        each.collect::<Vec<_>>().join(", ")
+    };
+    let mut text = format!(
+        "{effects} is told from {} by {}: what either leaves there, fitted to all tests, in standard deviations of noise and scatter",
+        rival.name,
+        listed(&by)
+    );
+    if !others.is_empty() {
+        text += &format!("; not by {}", listed(&others));
+    }
+    let names: Vec<&str> = by.iter().map(|told| told.test.as_str()).collect();
+    verdicts.add("told-by", names.join(","), text);
 }
 
 /// What comes next, what cannot be told from the first, and what would tell them apart.
