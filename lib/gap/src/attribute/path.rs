@@ -97,7 +97,7 @@ impl Path {
     /// Steps of the control in words: between two values, or where the control turns somewhere, as a path.
     pub fn told(&self, control: &str, steps: &Range<usize>) -> String {
         let values = &self.control;
-        let (from, to) = (short(values[steps.start]), short(values[steps.end - 1]));
+        let (from, to) = apart(values[steps.start], values[steps.end - 1]);
         let turns = self.turns();
         if turns.is_empty() {
             return format!("between {control} {from} and {to}");
@@ -121,8 +121,18 @@ impl Path {
 
 /// A number to three digits.
 pub fn short(value: f64) -> String {
+    rounded(value, 3)
+}
+
+/// Two numbers to three digits, or to as many as tell them apart.
+fn apart(one: f64, other: f64) -> (String, String) {
+    let told = |digits: usize| (rounded(one, digits), rounded(other, digits));
+    (3..=9).map(told).find(|(one, other)| one != other).unwrap_or_else(|| told(3))
+}
+
+fn rounded(value: f64, digits: usize) -> String {
     let mut text = Vec::new();
-    gl_table::push_number(&mut text, format!("{value:.2e}").parse().unwrap_or(value));
+    gl_table::push_number(&mut text, format!("{value:.*e}", digits - 1).parse().unwrap_or(value));
     String::from_utf8_lossy(&text).into_owned()
 }
 
@@ -190,6 +200,8 @@ mod tests {
         assert_eq!(path.told("u", &(3..5)), "with u falling from 1.5 to 0.5");
         assert_eq!(path.told("u", &(0..6)), "with u rising from 0, over 2 turns, to 1");
         assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(0..3)), "between e 0 and 2");
+        // To as many digits as tell its ends apart, where three do not.
+        assert_eq!(Path::new(&[2.7, 2.70012, 2.70034]).told("e", &(1..3)), "between e 2.7001 and 2.7003");
     }
 
     #[test]
