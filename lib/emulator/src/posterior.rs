@@ -18,6 +18,7 @@ pub mod smc;
 pub mod space;
 pub mod summary;
 pub mod surrogate;
+mod widening;
 
 use std::collections::HashSet;
 
@@ -143,6 +144,11 @@ pub struct Run {
     pub error: f64,
 }
 
+/// Runs that reach so many times beyond the measurement are seen by their logarithm. Where they scatter, too, that is another scatter
+/// at each size, which has another mean: only for the sake of runs that are much further off.
+const FAR: f64 = 4.0;
+const FAR_OF_SCATTER: f64 = 30.0;
+
 /// Particles for a first look.
 const FIRST_PARTICLES: usize = 600;
 
@@ -186,13 +192,25 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     );
     let stage = stage("sampling the posterior", 3);
     let observations = question.observations.part(question.steps.clone());
-    let measured = measured(question, &observations)?;
-    let ensemble = warped(question, &observations, &measured);
     let space = Space::new(question.prior, question.samples)?;
-    let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
+    let seen = |far: f64| {
+        let measured = measured(question, &observations, far);
+        let ensemble = warped(question, &observations, &measured);
+        (measured, ensemble)
+    };
+    let first_look = |(measured, ensemble): &(Measured, Ensemble)| {
+        Ranked::new(&space, question.samples, ensemble, measured).first_look(measured, options.seed)
+    };
 
     // A first look, with an emulator of few runs, from the whole prior.
-    let first = ranked.first_look(&measured, options.seed)?;
+    let mut as_seen = seen(FAR);
+    let mut first = first_look(&as_seen)?;
+    if as_seen.0.warps.iter().any(|warp| warp.is_some()) && scatters(&first) {
+        as_seen = seen(FAR_OF_SCATTER);
+        first = first_look(&as_seen)?;
+    }
+    let (measured, ensemble) = as_seen;
+    let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
     let nuisances = nuisances(&first, &space, &measured, options);
     let likelihood = Likelihood::new(&first, &space, &measured, nuisances);
     let posterior = Posterior { likelihood: &likelihood, space: &space, start: None };
@@ -251,7 +269,16 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
 }
 
-fn measured(question: &Question<'_>, observations: &Observations) -> Result<Measured> {
+/// Whether runs of the same parameters differ: what an emulator takes for scatter in the pattern that most of their variance is in.
+fn scatters(first: &Surrogate) -> bool {
+    /// The share of its variance from which it is no rounding.
+    const SHARE: f64 = 1e-3;
+    let scores = first.emulator.scores();
+    first.emulator.nugget().first().is_some_and(|nugget| *nugget > SHARE * scores.column(0).variance())
+}
+
+/// What is compared: runs that reach so many times beyond the measurement are warped.
+fn measured(question: &Question<'_>, observations: &Observations, far: f64) -> Measured {
     let lengths = observations.values.iter().map(Vec::len);
     let starts: Vec<usize> = std::iter::once(0)
         .chain(lengths.scan(0, |end, length| {
@@ -277,13 +304,13 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
             let size = |values: &[f64]| values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
             let runs = (0..question.ensemble.len())
                 .map(|run| size(cut(question.ensemble.curve(run, j), &question.steps)));
-            Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max))
+            Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max), far)
         })
         .collect();
     let readings = observations.values.concat();
     let observable_of = |o: usize| starts.partition_point(|start| *start <= o) - 1;
     let of = |o: usize| (warps[observable_of(o)], readings[o]);
-    Ok(Measured {
+    Measured {
         values: (0..readings.len()).map(|o| of(o).0.there(of(o).1)).collect(),
         base: base.iter().enumerate().map(|(o, sd)| sd * of(o).0.slope(of(o).1)).collect(),
         noise: base,
@@ -292,7 +319,7 @@ fn measured(question: &Question<'_>, observations: &Observations) -> Result<Meas
         is_known: question.noise.is_some(),
         starts,
         ranges,
-    })
+    }
 }
 
 /// The part of an observable at the steps that are compared; one of a shorter test has fewer.

@@ -87,16 +87,14 @@ pub struct Warp {
     scale: Option<f64>,
 }
 
-/// The runs reach so many times beyond the measurement where they are warped.
-const FAR: f64 = 4.0;
-
 /// s, as a share of the largest reading.
 const WARPED_FROM: f64 = 0.3;
 
 impl Warp {
-    /// For an observable whose largest reading and largest simulated value, without their signs, are these.
-    pub fn new(measured: f64, simulated: f64) -> Self {
-        Self { scale: (measured > 0.0 && simulated > FAR * measured).then_some(WARPED_FROM * measured) }
+    /// For an observable whose largest reading and largest simulated value, without their signs, are these: where the
+    /// runs reach so many times beyond the measurement.
+    pub fn new(measured: f64, simulated: f64, far: f64) -> Self {
+        Self { scale: (measured > 0.0 && simulated > far * measured).then_some(WARPED_FROM * measured) }
     }
 
     /// Whether anything changes.
@@ -651,14 +649,14 @@ mod tests {
 
     #[test]
     fn a_warp_goes_there_and_back_and_its_slope_is_its_difference_quotient() {
-        let warp = Warp::new(2.0, 1e4);
+        let warp = Warp::new(2.0, 1e4, 4.0);
         for y in [-700.0, -0.3, 0.0, 1.0, 2.0, 5e3] {
             let there = warp.there(y);
             assert!((warp.back(there) - y).abs() <= 1e-12 * y.abs().max(1.0), "{y}");
             let quotient = (warp.there(y + 1e-5) - warp.there(y - 1e-5)) / 2e-5;
             assert!((warp.slope(y) - quotient).abs() < 1e-6, "{y}");
         }
-        let none = Warp::new(2.0, 5.0);
+        let none = Warp::new(2.0, 5.0, 4.0);
         assert_eq!((none.there(5.0), none.back(5.0), none.slope(5.0)), (5.0, 5.0, 1.0));
     }
 }

@@ -3,13 +3,15 @@
 //! size in each observable, and is too small in the directions that it has by chance: c (α S + (1 − α) W), with the
 //! α and c by which the residual of each run, measured with the noise, is most probable given those of the others.
 //! White scatter, of which no number of components holds more than a part, then comes out white and counted once,
-//! smooth scatter as the few patterns that it is.
+//! smooth scatter as the few patterns that it is. What the parameters are told too narrowly by a covariance that is
+//! estimated, is added ([`super::widening`]).
 //!
 //! Hoffbeck & Landgrebe (1996), IEEE Trans. Pattern Anal. Mach. Intell. 18:763.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::likelihood::Measured;
+use super::widening::Estimated;
 use crate::Emulator;
 
 /// Covariance of the scatter, in variances of the base of a measurement's noise.
@@ -38,7 +40,9 @@ const NOTHING: f64 = 0.02;
 
 impl Scatter {
     /// The scatter that an emulator's runs show.
-    pub fn new(emulator: &Emulator, measured: &Measured) -> Self {
+    ///
+    /// * `slopes` — derivatives of the scores by the coordinates near the posterior, shape (components, parameters).
+    pub fn new(emulator: &Emulator, measured: &Measured, slopes: &DMatrix<f64>) -> Self {
         let (outputs, k) = emulator.basis().shape();
         let n = emulator.runs().len();
         let base = &measured.base;
@@ -55,13 +59,13 @@ impl Scatter {
         let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / base[o]);
         // Where the last components are nothing but scatter, so is what they leave over.
         let last = emulator.nugget().into_iter().skip(k - k.div_ceil(4));
-        let share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
+        let last_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
         let curves = emulator.curves_of_runs();
         let fitted = emulator.scores() * pattern.transpose();
         let rest = DMatrix::from_fn(n, outputs, |i, o| {
             (curves[(i, o)] - emulator.centre()[o]) / base[o] - fitted[(i, o)]
         });
-        let residuals = &left * pattern.transpose() + &rest * share.sqrt();
+        let residuals = &left * pattern.transpose() + &rest * last_share.sqrt();
 
         let of_observables = |square: &dyn Fn(usize) -> f64| -> Vec<f64> {
             let observables = 0..measured.observables();
@@ -69,13 +73,27 @@ impl Scatter {
             observables.map(|j| of(j) / measured.own(j).len() as f64).collect()
         };
         let sizes = of_observables(&|o| residuals.column(o).norm_squared() / n as f64);
-        let truncated = of_observables(&|o| (1.0 - share) * emulator.leftover()[o] / base[o].powi(2));
-        let (share, factor) = Residuals::new(&residuals, &sizes, measured).best();
-        Self {
-            scores: own.tr_mul(&own) * (factor * share / n as f64),
-            white: sizes.iter().map(|size| factor * (1.0 - share) * size).collect(),
-            truncated,
+        let truncated = of_observables(&|o| (1.0 - last_share) * emulator.leftover()[o] / base[o].powi(2));
+        let of_residuals = Residuals::new(&residuals, &sizes, measured);
+        let (share, factor) = of_residuals.best();
+        let mut scores = own.tr_mul(&own) * (factor * share / n as f64);
+        if of_residuals.is_scatter() {
+            let noise = of_residuals.noise;
+            let largest = sizes.iter().copied().fold(0.0, f64::max);
+            let white = |o: usize| {
+                noise + factor * (1.0 - share) * sizes[measured.observable_of(o)].max(1e-12 * largest)
+            };
+            let estimated = Estimated {
+                residuals: &(&own * pattern.transpose() + &rest * last_share.sqrt()),
+                share: factor * share,
+                white: &(0..outputs).map(white).collect::<Vec<_>>(),
+                noise,
+            };
+            if let Some(excess) = estimated.excess(&(&pattern * slopes)) {
+                scores += slopes * excess * slopes.transpose();
+            }
         }
+        Self { scores, white: sizes.iter().map(|size| factor * (1.0 - share) * size).collect(), truncated }
     }
 
     /// Covariance of the scores of a run by all of its scatter, shape (components, components): the white share
@@ -126,10 +144,15 @@ impl Residuals {
         }
     }
 
+    /// Whether there are enough of them, and large enough, to make a difference.
+    fn is_scatter(&self) -> bool {
+        let whole = self.steps.iter().zip(&self.sizes).map(|(steps, size)| steps * size).sum::<f64>();
+        self.products[0].nrows() >= 3 && whole > NOTHING * self.noise && whole > 0.0
+    }
+
     /// The share of the residuals' own covariance, and the factor on it and on the white rest.
     fn best(&self) -> (f64, f64) {
-        let whole = self.steps.iter().zip(&self.sizes).map(|(steps, size)| steps * size).sum::<f64>();
-        if self.products[0].nrows() < 3 || whole <= NOTHING * self.noise || whole <= 0.0 {
+        if !self.is_scatter() {
             return (1.0, 1.0);
         }
         let highest = |tried: &mut dyn Iterator<Item = (f64, f64)>| {

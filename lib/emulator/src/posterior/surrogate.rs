@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use anyhow::{Context, Result};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::samples::Samples;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use super::likelihood::Measured;
 use super::scatter::Scatter;
@@ -243,6 +243,19 @@ impl<'a> Ranked<'a> {
         self.train(recipe, counts, measured, seed)
     }
 
+    /// Derivatives of the scores by the coordinates, in the mean over some runs, shape (components, parameters).
+    fn slopes(&self, emulator: &Emulator, samples: &Samples, near: &HashSet<&str>) -> Result<DMatrix<f64>> {
+        let parameters = self.space.prior().names();
+        let values = samples.columns(&parameters)?;
+        let places = samples.names.iter().zip(&values).filter(|(name, _)| near.contains(name.as_str()));
+        let gradients: Vec<_> =
+            places.map(|(_, values)| emulator.score_gradients(&emulator.coordinates(values)).1).collect();
+        let count = gradients.len().max(1) as f64;
+        Ok(DMatrix::from_fn(emulator.processes().len(), parameters.len(), |c, p| {
+            gradients.iter().map(|of| of[c][p]).sum::<f64>() / count
+        }))
+    }
+
     fn train(
         &self,
         recipe: Recipe,
@@ -281,7 +294,7 @@ impl<'a> Ranked<'a> {
             self.order[..self.near()].iter().map(|&run| self.ensemble.samples[run].as_str()).collect();
         let errors = LeftOut::new(&emulator, &near, measured).context("no run near the posterior")?;
         Ok(Surrogate {
-            scatter: Scatter::new(&emulator, measured),
+            scatter: Scatter::new(&emulator, measured, &self.slopes(&emulator, &samples, &near)?),
             emulator,
             calibration: errors.calibration,
             rmse: errors.rmse,
