@@ -11,6 +11,7 @@ each parameter the share of 90 % intervals that hold and the root mean square of
 Runs near the bounds of the prior are left out: of them an interval with 5 % on either side does not hold by construction.
 """
 
+import math
 import os
 import random
 import subprocess
@@ -46,18 +47,23 @@ def main():
     iterations = sorted((name for name in os.listdir(out) if name.startswith("iter")), key=lambda name: int(name[4:]))
     samples = joined([os.path.join(out, name, "samples.txt") for name in iterations])
     ensembles = [
-        joined([os.path.join(out, name, test["name"] if test["name"] else "", "ensemble.txt") for name in iterations])
+        joined([os.path.join(out, name, test["name"], "ensemble.txt") for name in iterations])
         for test in tests
     ]
-    prior = {row[0]: (float(row[1]), float(row[2])) for row in rows(os.path.join(case, "params.txt"))[1:] if row[3:4] in ([], ["-"], ["linear"])}
+    head, *parameters = rows(os.path.join(case, "params.txt"))
+    prior = {row[0]: dict(zip(head, row)) for row in parameters}
     complete = set.intersection(*({row[0] for row in ensemble[1:]} for ensemble in ensembles))
     known = [row for row in samples[1:] if row[0] in complete]
     at = {name: samples[0].index(name) for name in prior}
     varied = [name for name in prior if len({row[at[name]] for row in known}) > 1]
 
+    def share(row, name):
+        scale = math.log if prior[name].get("scale") == "log" else float
+        lower, value, upper = (scale(float(x)) for x in (prior[name]["lower"], row[at[name]], prior[name]["upper"]))
+        return (value - lower) / (upper - lower)
+
     def is_inside(row):
-        shares = [(float(row[at[name]]) - prior[name][0]) / (prior[name][1] - prior[name][0]) for name in varied]
-        return all(EDGE < share < 1 - EDGE for share in shares)
+        return all(EDGE < share(row, name) < 1 - EDGE for name in varied)
 
     generator = random.Random(1)
     chosen = [row for row in known if is_inside(row)]

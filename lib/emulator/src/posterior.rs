@@ -533,3 +533,59 @@ impl Inference {
         &self.measured
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use gl_inference::prior::normal_quantile;
+    use gl_table::Table;
+    use rand::Rng;
+
+    use super::*;
+
+    const STEPS: usize = 20;
+
+    /// y = a u, a over two decades, with a scatter in proportion to it, and a measurement in the middle.
+    fn seen_by_logarithm(scatter: f64, reach: f64) -> bool {
+        let table = format!("name lower upper scale effect off\na {} {reach} log - -\n", 1.0 / reach);
+        let prior = Prior::from_table(&Table::parse("params.txt", table.into()).unwrap()).unwrap();
+        let observations = Observations {
+            source: "obs.txt".to_owned(),
+            control_name: "u".to_owned(),
+            control: (0..STEPS).map(|step| step as f64).collect(),
+            names: vec!["f".to_owned()],
+            values: vec![(0..STEPS).map(|step| (step as f64 + 1.0) / STEPS as f64).collect()],
+            sd: vec![None],
+        };
+        let mut generator = ChaCha8Rng::seed_from_u64(4);
+        let mut ensemble = Ensemble::new(&observations, false);
+        let names = gl_inference::samples::sample_names("test", 0, 30).unwrap();
+        let values: Vec<Vec<f64>> =
+            (0..30).map(|i| vec![prior.parameters()[0].quantile((i as f64 + 0.5) / 30.0)]).collect();
+        for (name, value) in names.iter().zip(&values) {
+            let size = value[0] * (1.0 + scatter * normal_quantile(generator.random::<f64>()));
+            ensemble.push(name, &[observations.values[0].iter().map(|y| size * y).collect()], None);
+        }
+        let samples = Samples { source: "samples.txt".to_owned(), names, parameters: prior.names(), values };
+        let noise = vec![vec![0.02; STEPS]];
+        let question = Question {
+            prior: &prior,
+            samples: &samples,
+            ensemble: &ensemble,
+            observations: &observations,
+            noise: Some(&noise),
+            scale: None,
+            steps: 0..STEPS,
+            newest: &[],
+        };
+        let inference = infer(&question, Options { scatter: Some(1.0), ..Options::default() }).unwrap();
+        inference.measured.warps[0].is_some()
+    }
+
+    #[test]
+    fn what_scatters_is_seen_by_its_logarithm_only_where_runs_are_much_further_off() {
+        assert!(seen_by_logarithm(0.0, 10.0));
+        assert!(!seen_by_logarithm(0.2, 10.0));
+        assert!(seen_by_logarithm(0.2, 100.0));
+        assert!(!seen_by_logarithm(0.0, 3.0));
+    }
+}

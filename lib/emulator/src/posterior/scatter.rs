@@ -78,16 +78,12 @@ impl Scatter {
         let (share, factor) = of_residuals.best();
         let mut scores = own.tr_mul(&own) * (factor * share / n as f64);
         if of_residuals.is_scatter() {
-            let noise = of_residuals.noise;
-            let largest = sizes.iter().copied().fold(0.0, f64::max);
-            let white = |o: usize| {
-                noise + factor * (1.0 - share) * sizes[measured.observable_of(o)].max(1e-12 * largest)
-            };
+            let white = of_residuals.white(share, factor);
             let estimated = Estimated {
                 residuals: &(&own * pattern.transpose() + &rest * last_share.sqrt()),
                 share: factor * share,
-                white: &(0..outputs).map(white).collect::<Vec<_>>(),
-                noise,
+                white: &(0..outputs).map(|o| white[measured.observable_of(o)]).collect::<Vec<_>>(),
+                noise: of_residuals.noise,
             };
             if let Some(excess) = estimated.excess(&(&pattern * slopes)) {
                 scores += slopes * excess * slopes.transpose();
@@ -174,6 +170,13 @@ impl Residuals {
         highest(&mut FACTORS.iter().map(|factor| (share, *factor)))
     }
 
+    /// The noise with the white part of the scatter, shape (observables,).
+    fn white(&self, share: f64, factor: f64) -> Vec<f64> {
+        let largest = self.sizes.iter().copied().fold(0.0, f64::max);
+        let of = |size: &f64| self.noise + factor * (1.0 - share) * size.max(1e-12 * largest);
+        self.sizes.iter().map(of).collect()
+    }
+
     /// Sum over the residuals of ln of the density of each, in the mean over the noise that it is measured with, under
     /// the covariance of the others.
     ///
@@ -184,9 +187,7 @@ impl Residuals {
         let beta = factor * share / (n - 1) as f64;
         let (mut k, mut k_two) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let (mut ln_d, mut trace) = (0.0, 0.0);
-        let largest = self.sizes.iter().copied().fold(0.0, f64::max);
-        for ((product, size), steps) in self.products.iter().zip(&self.sizes).zip(&self.steps) {
-            let d = self.noise + factor * (1.0 - share) * size.max(1e-12 * largest);
+        for ((product, d), steps) in self.products.iter().zip(self.white(share, factor)).zip(&self.steps) {
             k += product / d;
             k_two += product / (d * d);
             ln_d += steps * d.ln();
