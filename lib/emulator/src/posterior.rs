@@ -588,4 +588,65 @@ mod tests {
         assert!(seen_by_logarithm(0.2, 100.0));
         assert!(!seen_by_logarithm(0.0, 3.0));
     }
+
+    /// How far measurements of one specimen each are off in the mean, in standard deviations, squared: y = a √u with a scatter
+    /// of as many patterns as there are readings.
+    fn square_of_what_is_off(measurements: u64) -> f64 {
+        let prior = "name lower upper scale effect off\na 1 3 linear - -\n";
+        let prior = Prior::from_table(&Table::parse("params.txt", prior.into()).unwrap()).unwrap();
+        let of_seed = |seed: u64| {
+            let mut generator = ChaCha8Rng::seed_from_u64(seed);
+            let mut curve = |a: f64| -> Vec<f64> {
+                let sizes: Vec<f64> = (0..STEPS)
+                    .map(|k| 0.2 / (k + 1) as f64 * normal_quantile(generator.random::<f64>()))
+                    .collect();
+                let wave = |k: usize, o: usize| {
+                    (k as f64 * (o as f64 + 0.5) * std::f64::consts::PI / STEPS as f64).cos()
+                };
+                let of = |o: usize| {
+                    a * ((o + 1) as f64 / STEPS as f64).sqrt()
+                        + (0..STEPS).map(|k| sizes[k] * wave(k, o)).sum::<f64>()
+                };
+                (0..STEPS).map(of).collect()
+            };
+            let observations = Observations {
+                source: "obs.txt".to_owned(),
+                control_name: "u".to_owned(),
+                control: (0..STEPS).map(|step| step as f64).collect(),
+                names: vec!["f".to_owned()],
+                values: vec![curve(2.0)],
+                sd: vec![None],
+            };
+            let names = gl_inference::samples::sample_names("test", 0, 32).unwrap();
+            let values: Vec<Vec<f64>> = (0..32).map(|i| vec![1.0 + (i as f64 + 0.5) / 16.0]).collect();
+            let mut ensemble = Ensemble::new(&observations, false);
+            for (name, value) in names.iter().zip(&values) {
+                ensemble.push(name, &[curve(value[0])], None);
+            }
+            let samples =
+                Samples { source: "samples.txt".to_owned(), names, parameters: prior.names(), values };
+            let question = Question {
+                prior: &prior,
+                samples: &samples,
+                ensemble: &ensemble,
+                observations: &observations,
+                noise: Some(&[vec![0.001; STEPS]]),
+                scale: None,
+                steps: 0..STEPS,
+                newest: &[],
+            };
+            let options = Options { scatter: Some(1.0), ..Options::default() };
+            let draws: Vec<f64> =
+                infer(&question, options).unwrap().values.iter().map(|row| row[0]).collect();
+            let even = vec![1.0 / draws.len() as f64; draws.len()];
+            ((mean(&draws, &even) - 2.0) / sd(&draws, &even)).powi(2)
+        };
+        (0..measurements).map(of_seed).sum::<f64>() / measurements as f64
+    }
+
+    #[test]
+    fn a_posterior_by_a_scatter_of_many_patterns_is_off_by_as_much_as_it_claims() {
+        let square = square_of_what_is_off(24);
+        assert!((0.4..1.8).contains(&square), "{square}");
+    }
 }
