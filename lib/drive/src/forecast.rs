@@ -7,6 +7,7 @@ use std::time::SystemTime;
 use anyhow::{Context, Result, bail};
 use gl_case::Case;
 use gl_case::folders::BASE;
+use gl_gap::attribute::rounds::Rounds;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -72,10 +73,12 @@ impl Plan<'_> {
         );
         let has_effects = !self.prior.effects().is_empty();
         if has_effects {
-            let design = runs_of_design(self.case, self.prior);
+            let design = Rounds { all: runs_of_design(self.case, self.prior) };
             let text = format!(
-                "a diagnosis takes two calibrations and {design} runs more: {all} at the most{}",
-                in_tests(self.case)
+                "a diagnosis takes two calibrations and {} runs more: {all} at the most{}, and {} more where its box proves too narrow",
+                design.all,
+                in_tests(self.case),
+                design.most_wider()
             );
             verdicts.add("runs-diagnosis", all, text);
         }

@@ -205,6 +205,14 @@ pub fn with_beyond(prior: &Prior, wider: &Prior) -> Result<Option<Prior>> {
     Ok(is_beyond.then(|| Prior::new(joined)))
 }
 
+/// Whether a box that was made wider lies further beyond the prior than it did, and not within it alone.
+///
+/// # Errors
+/// If a parameter of the prior is not in one of them.
+pub fn goes_beyond(prior: &Prior, narrower: &Prior, wider: &Prior) -> Result<bool> {
+    Ok(with_beyond(prior, wider)? != with_beyond(prior, narrower)?)
+}
+
 /// A parameter between two places on its own scale, inside its bounds.
 fn between(parameter: &Parameter, low: f64, high: f64) -> Parameter {
     let (lower, upper) = parameter.scaled_bounds();
@@ -278,6 +286,7 @@ mod tests {
         let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
         let wider = widen(&prior(PARAMS), &narrowed, &leans, Limit::Prior).unwrap().unwrap();
         has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
+        assert!(!goes_beyond(&prior(PARAMS), &narrowed, &wider).unwrap());
         let none = [lean("a", 0.0), lean("c", 1.0)];
         assert_eq!(widen(&prior(PARAMS), &narrowed, &none, Limit::Prior).unwrap(), None);
     }
@@ -290,6 +299,7 @@ mod tests {
             prior("name lower upper scale effect off\na 2 10 - - -\nb 1 10000 log - -\nc 0.5 1 - extra 0\n");
         let once = widen(&whole, &whole, &leans, Limit::Beyond).unwrap().unwrap();
         has_bounds(&once, [(1.0, 10.0), (1.0, 1e6), (0.5, 1.25)]);
+        assert!(goes_beyond(&whole, &whole, &once).unwrap());
         let twice = widen(&whole, &once, &leans, Limit::Beyond).unwrap().unwrap();
         has_bounds(&twice, [(0.5, 10.0), (1.0, 1e8), (0.5, 1.5)]);
         let more = widen(&whole, &twice, &leans[1..], Limit::Beyond).unwrap();

@@ -46,7 +46,10 @@ pub struct Content {
 #[derive(Debug, Serialize)]
 struct Runs {
     what: String,
+    /// Those that were made for it.
     made: usize,
+    /// Those that had been made before and serve here, too.
+    reused: usize,
     failed: usize,
     /// How long they took.
     time: String,
@@ -458,27 +461,24 @@ fn runs(
     after: Option<&Calibration>,
     out: &Path,
 ) -> Result<Vec<Runs>> {
-    let of = |what: &str, standing: &Standing, calibration: &Calibration| {
-        let time = time(case, &calibration.iterations)?;
-        Ok::<_, anyhow::Error>(Runs {
-            what: what.to_owned(),
-            made: standing.runs,
-            failed: standing.failed,
-            time,
-        })
+    let of = |what: String, (used, failed): (usize, usize), folders: &[PathBuf]| -> Result<Runs> {
+        let made = folders.iter().map(|folder| rows(&folder.join("samples.txt"))).sum::<Result<usize>>()?;
+        Ok(Runs { what, made, reused: used.saturating_sub(made), failed, time: time(case, folders)? })
     };
-    let mut runs = vec![of("calibration", &base_stage.standing, base)?];
+    let of_calibration = |what: String, standing: &Standing, calibration: &Calibration| {
+        of(what, (standing.runs, standing.failed), &calibration.iterations)
+    };
+    let mut runs = vec![of_calibration("calibration".to_owned(), &base_stage.standing, base)?];
     let design: PathBuf = out.join("design");
     if design.join("samples.txt").exists() {
         let failed = failed_runs(&design.join("status.txt"))?.len();
         let rounds: Vec<_> =
-            (1..).map(|i| design.join(format!("round{i}"))).take_while(|round| round.exists()).collect();
-        let made = rows(&design.join("samples.txt"))?;
-        runs.push(Runs { what: "design".to_owned(), made, failed, time: time(case, &rounds)? });
+            (0..).map(|i| design.join(format!("round{i}"))).take_while(|round| round.exists()).collect();
+        runs.push(of("design".to_owned(), (rows(&design.join("samples.txt"))?, failed), &rounds)?);
     }
     let measured = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?)));
     if let (Some((closed, measured)), Some(after)) = (measured, after) {
-        runs.push(of(&format!("with {}", closed.with), &measured.stage.standing, after)?);
+        runs.push(of_calibration(format!("with {}", closed.with), &measured.stage.standing, after)?);
     }
     Ok(runs)
 }

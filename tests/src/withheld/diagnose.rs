@@ -13,7 +13,7 @@ use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
-use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
+use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
 use gl_gap::attribute::verdict::ignorance;
 use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
@@ -80,9 +80,6 @@ impl Design {
         Ok(Self { prior, samples, ensemble, is_scattered: self.is_scattered, emulator, seed: self.seed })
     }
 }
-
-/// The prior is made wider so often at the most, as `gl-diagnose` does.
-const WIDEST: usize = 2;
 
 /// A measurement, and the effects of the measurement that may be behind it.
 struct Case {

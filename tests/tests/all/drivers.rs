@@ -387,6 +387,26 @@ fn the_last_runs_of_a_design_lie_where_the_first_ones_point() {
     assert_eq!(runs.len(), rows(&folder, "made/design/samples.txt"));
 }
 
+#[test]
+fn a_design_goes_beyond_a_prior_that_excludes_the_truth_and_that_is_said_first() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
+    let params = folder.read("case/params.txt").replace("E_m\t8.5\t10", "E_m\t8.5\t9");
+    folder.write("case/params.txt", params);
+    finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made", "design_num=100"]));
+    assert_eq!(rows(&folder, "made/design/round1/samples.txt"), 20);
+    for wider in ["made/design/params.txt", "made/wider-params.txt"] {
+        let place = folder.texts(wider, "name").iter().position(|name| name == "E_m").unwrap();
+        assert!((folder.column(wider, "upper")[place] - 9.25).abs() < 1e-9, "{wider}");
+    }
+    assert_eq!(folder.texts("made/attribution-verdict.txt", "code")[0], "beyond-prior");
+    // 9.2 and adhesion are in it.
+    assert_eq!(folder.read("made/winner.txt"), "adhesion\n");
+    let mean = folder.quantity("made/after-adhesion/posterior.txt", "mean(E_m)");
+    assert!((mean - 9.2).abs() < 0.02, "{mean}");
+    assert!(folder.path("made/base-wider/posterior.txt").exists());
+}
+
 /// The tools that work in a folder.
 fn at_work(folder: &Folder) -> Vec<String> {
     let here = fs::canonicalize(folder.path("")).unwrap();

@@ -220,7 +220,7 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     let said = folder.run("gl-check case");
     assert!(
         said.contains(
-            "a diagnosis takes two calibrations and 50 runs more: 114 at the most, each in 2 tests"
+            "a diagnosis takes two calibrations and 50 runs more: 114 at the most, each in 2 tests, and 40 more where its box proves too narrow"
         )
     );
     folder.run("gl-diagnose case --out out");

@@ -1,8 +1,8 @@
 //! Runs in which every effect is on and off, and what they say of the gap.
 //!
 //! The design draws the base parameters from a box about what fits best in `base`. Where a hypothesis that is not ruled
-//! out leans on the box, it is made wider on that side and further runs are made, twice at the most, beyond the prior,
-//! too: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
+//! out leans on the box, it is made wider on that side and further runs are made, twice within the prior and twice beyond it
+//! at the most: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
 //! first of them that says what the one before did is the last.
 
@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::Test;
 use gl_case::folders::BASE;
-use gl_gap::attribute::rounds::{POINTED, Rounds, Standing};
-use gl_gap::design_box::{with_beyond, within_runs};
+use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
+use gl_gap::design_box::{goes_beyond, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
@@ -27,8 +27,12 @@ use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
-/// The box is made wider so often at the most.
-const WIDEST: usize = 2;
+/// How often the box was made wider.
+#[derive(Default)]
+struct Widened {
+    within: usize,
+    beyond: usize,
+}
 
 impl Diagnosis<'_> {
     /// Run the design round by round, and attribute the gap by all of it.
@@ -37,7 +41,7 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let (mut widened, mut pointed) = (0, 0);
+        let (mut widened, mut pointed) = (Widened::default(), 0);
         let mut before: Option<Standing> = None;
         for number in 0.. {
             let round = Round { diagnosis: self, number, folder: self.round(number), pointed };
@@ -45,8 +49,7 @@ impl Diagnosis<'_> {
                 return Ok(Progress::InQueue);
             }
             let now = round.standing()?;
-            if widened < WIDEST && self.widen(&round.folder, number)? {
-                widened += 1;
+            if self.widen(&round.folder, number, &mut widened)? {
                 before = None;
             } else if pointed == POINTED || before.is_some_and(|before| now.is_settled_since(&before)) {
                 return self.conclude(&round.folder);
@@ -76,8 +79,8 @@ impl Diagnosis<'_> {
         self.file(&format!("design/round{number}"))
     }
 
-    /// Make the box of the next round wider, where a hypothesis leans on it: whether one does.
-    fn widen(&self, round: &Path, number: usize) -> Result<bool> {
+    /// Make the box of the next round wider, where a hypothesis leans on it and it was not made so too often: whether it is.
+    fn widen(&self, round: &Path, number: usize, widened: &mut Widened) -> Result<bool> {
         let wider = round.join("wider.txt");
         let call = Call::new("gl-box")
             .arg("widen")
@@ -89,6 +92,14 @@ impl Diagnosis<'_> {
         if self.runner.call(&call, Messages::Shown)? == 1 {
             return Ok(false);
         }
+        let [prior, own, next] =
+            [self.case.params(), round.join("params.txt"), wider.clone()].map(|table| Prior::read(&table));
+        let is_beyond = goes_beyond(&prior?, &own?, &next?)?;
+        let times = if is_beyond { &mut widened.beyond } else { &mut widened.within };
+        if *times == WIDEST {
+            return Ok(false);
+        }
+        *times += 1;
         gl_cli::note(
             "gl-diagnose",
             "a hypothesis leans on the box of the base parameters, which is made wider",

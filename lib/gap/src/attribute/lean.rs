@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::model::Meaning;
 use crate::attribute::problem::Problem;
 
@@ -39,14 +39,17 @@ const ITERATIONS: usize = 4;
 /// probable hypothesis first, each once.
 ///
 /// Beyond the bounds the simulation is extrapolated; that an effect would rather be weaker than its bound is none
-/// of them where it is off on that side, since the hypothesis without it says so.
+/// of them where it is off on that side, since the hypothesis without it says so. Nor does an effect count that closes
+/// little: what it is without is asked by itself, `none` and `unexplained`.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<Lean>> {
     let weight = |of: &Explanation| of.probability.max(of.ln_weight.exp());
     let first = explanations.iter().map(weight).fold(0.0, f64::max).max(f64::MIN_POSITIVE).ln();
-    let mut order: Vec<&Explanation> = explanations.iter().filter(|of| of.ln_weight.is_finite()).collect();
+    let is_asked =
+        |of: &&Explanation| of.ln_weight.is_finite() && of.ruled_out != Some(RuledOut::ClosesLittle);
+    let mut order: Vec<&Explanation> = explanations.iter().filter(is_asked).collect();
     order.sort_by(|a, b| b.ln_weight.total_cmp(&a.ln_weight));
     let mut found: Vec<Lean> = Vec::new();
     for of in order {
@@ -130,4 +133,28 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
         })
     });
     Ok((gain, leans.collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::attribution::attribute;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn what_does_not_fit_within_the_bounds_is_asked_and_what_closes_little_is_not() {
+        let (predictor, (prior, _)) = (Straight::new(), Straight::beyond(-3.0, 5.0));
+        let observations = Straight::measured(5.5, 1.0, 0.0, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        explanations.retain(|of| of.name == "none");
+        explanations[0].ruled_out = Some(RuledOut::Misfit);
+        let found = leans(&problem, &explanations).unwrap();
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert_eq!((found[0].parameter.as_str(), found[0].bound, found[0].is_upper), ("a", 5.0, true));
+        explanations[0].ruled_out = Some(RuledOut::ClosesLittle);
+        assert_eq!(leans(&problem, &explanations).unwrap(), []);
+    }
 }

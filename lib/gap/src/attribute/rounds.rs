@@ -19,6 +19,9 @@ pub struct Rounds {
 /// Rounds that are made where the hypotheses put the parameters.
 pub const POINTED: usize = 3;
 
+/// The box is made wider so often at the most: within the prior, and beyond it.
+pub const WIDEST: usize = 2;
+
 impl Rounds {
     /// Runs of the first round, all over the box: two fifths.
     pub fn first(self) -> usize {
@@ -28,6 +31,11 @@ impl Rounds {
     /// Runs of a round in a wider box: a fifth.
     pub fn wider(self) -> usize {
         self.all.div_ceil(5)
+    }
+
+    /// Runs of all rounds in wider boxes, at the most.
+    pub fn most_wider(self) -> usize {
+        2 * WIDEST * self.wider()
     }
 
     /// Runs of a pointed round, from 0: a tenth, twice as many, and what is left.

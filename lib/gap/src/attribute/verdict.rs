@@ -23,6 +23,9 @@ const SETTLED: f64 = 0.8;
 /// An effect that closes less of the gap than this is a part of what is behind it, and not the cause.
 const MOST: f64 = 0.5;
 
+/// Shares of the gap that differ by more are two, and their units are said.
+const ANOTHER: f64 = 0.05;
+
 /// Above this share of noise and scatter what the emulator does not know widens a verdict.
 const IGNORANT: f64 = 0.5;
 
@@ -198,10 +201,17 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
     let closes = shrink(problem, &diagnosis.attribution.explanations, first, seed)?;
     let (low, high) = (percent(closes.low), percent(closes.high));
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
+    // An observable that is noisy over its range counts for less in units of its noise.
+    let is_another = first.has_rest && (closes.median - first.closes).abs() > ANOTHER;
+    let units = if is_another {
+        ", each observable as a share of its range; above, in units of its noise"
+    } else {
+        ""
+    };
     verdicts.add(
         "closes",
         closes.median,
-        format!("adding it should close {} %{interval} of the gap", percent(closes.median)),
+        format!("adding it should close {} %{interval} of the gap{units}", percent(closes.median)),
     );
     if is_fit {
         verdicts.add("base-fits", &effects, format!(
