@@ -48,6 +48,7 @@ pub mod self_check;
 mod synthetic_world;
 pub mod test;
 pub mod told;
+pub mod untried;
 pub mod verdict;
 pub mod visible;
 pub mod winner;

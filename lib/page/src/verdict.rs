@@ -89,6 +89,7 @@ const DOUBTS: &[&str] = &[
     "next",
     "confounded",
     "emulator",
+    "untried",
     // of all that ask for the noise
     "noise-scale",
     "outliers",

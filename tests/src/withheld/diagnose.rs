@@ -14,6 +14,7 @@ use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
+use gl_gap::attribute::untried::untried;
 use gl_gap::attribute::verdict::ignorance;
 use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
@@ -165,7 +166,9 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let standing = Standing {
             cause: cause(&diagnosis.first().name),
             probability: diagnosis.stated(),
-            ignorance: ignorance(&problem, diagnosis.first()),
+            ignorance: untried(&problem, &diagnosis.attribution.explanations)
+                .iter()
+                .fold(ignorance(&problem, diagnosis.first()), |most, of| most.max(of.ignorance)),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))

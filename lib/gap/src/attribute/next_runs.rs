@@ -6,6 +6,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::hypothesis::{is_part, ln_prior_odds};
 use crate::attribute::problem::Problem;
+use crate::attribute::untried::untried;
 use gl_inference::prior::{normal_cdf, normal_quantile};
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::moments;
@@ -20,6 +21,9 @@ const LEAST_SHARE: f64 = 0.02;
 /// it: what is simpler must not lose by an emulator that nobody has tried there.
 const SIMPLER: f64 = 0.2;
 
+/// Weight of all effects that the emulator knows too little of together, beside that of all others.
+const UNTRIED: f64 = 4.0;
+
 /// Runs are drawn from a normal distribution this many times as wide as the posterior: the runs so far may
 /// have misplaced it.
 const WIDER: f64 = 1.5;
@@ -28,8 +32,8 @@ const WIDER: f64 = 1.5;
 const FURTHEST: f64 = 2.5;
 
 /// Parameters of `count` runs that would teach an emulator most about this measurement, shape (count,
-/// parameters): from the posteriors, widened, of all hypotheses that are not out of the question or that the
-/// first one contains.
+/// parameters): from the posteriors, widened, of all hypotheses that are not out of the question, that the
+/// first one contains, or of whose effect the emulator knows too little.
 ///
 /// # Errors
 /// If a posterior has no covariance.
@@ -86,7 +90,12 @@ fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> 
             weight
         }
     };
-    let weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
+    let mut weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
+    let whole: f64 = weights.iter().sum();
+    let untried = untried(problem, explanations);
+    for of in &untried {
+        weights[of.place] += UNTRIED * whole / untried.len() as f64;
+    }
     let whole: f64 = weights.iter().sum();
     // Systematic: the sums up to each explanation, rounded, so that none is more than one off its share.
     let mut sum = 0.0;

@@ -56,7 +56,8 @@ pub struct Standing {
     pub cause: String,
     /// Its probability.
     pub probability: f64,
-    /// What the emulator does not know at the best fit, in units of noise and scatter.
+    /// What the emulator does not know at the best fit, or where effects fit best that are not to be ruled out yet, in
+    /// units of noise and scatter.
     pub ignorance: f64,
 }
 
@@ -74,8 +75,9 @@ impl Standing {
     pub fn of_tables(attribution: &Table, verdict: &Table) -> Result<Self> {
         let (cause, probability) = most_probable(attribution)?;
         let (code, value) = (verdict.format().column("code")?, verdict.format().column("value")?);
-        let said = (0..verdict.len()).find(|&row| verdict.field(row, code) == "emulator");
-        let ignorance = said.and_then(|row| verdict.field(row, value).parse().ok()).unwrap_or(0.0);
+        let is_said = |row: &usize| matches!(verdict.field(*row, code), "emulator" | "untried");
+        let said = (0..verdict.len()).filter(is_said);
+        let ignorance = said.filter_map(|row| verdict.field(row, value).parse().ok()).fold(0.0, f64::max);
         Ok(Self { cause, probability, ignorance })
     }
 

@@ -13,6 +13,7 @@ use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::{GoesWith, goes_with};
 use crate::attribute::told::{Told, told};
+use crate::attribute::untried::untried;
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -97,6 +98,7 @@ pub fn verdict(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
     }
+    add_untried(&mut verdicts, problem, &diagnosis.attribution.explanations);
     add_told(&mut verdicts, problem, diagnosis);
     add_rivals(&mut verdicts, problem, diagnosis)?;
     add_hidden(&mut verdicts, problem, diagnosis);
@@ -109,6 +111,21 @@ pub fn verdict(
         }
     }
     Ok(verdicts)
+}
+
+/// Effects that nothing can be said of yet, though something unknown comes first.
+fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, explanations: &[Explanation]) {
+    let untried = untried(problem, explanations);
+    let most = untried.iter().map(|of| of.ignorance).fold(0.0, f64::max);
+    let mut names: Vec<String> =
+        untried.iter().map(|of| name(&explanations[of.place].hypothesis, &problem.candidates)).collect();
+    names.sort();
+    if !names.is_empty() {
+        verdicts.add("untried", most, format!(
+            "the emulator knows too little of {} to rule them out: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there, --next-out, would tell",
+            names.join(", ")
+        ));
+    }
 }
 
 /// Parameters that are beyond what was believed of them: with a probability of 0.95.

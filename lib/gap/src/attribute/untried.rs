@@ -1,0 +1,104 @@
+//! Effects that an emulator knows too little of to say that they are not the cause.
+
+use crate::attribute::attribution::{Explanation, RuledOut};
+use crate::attribute::hypothesis::Candidate;
+use crate::attribute::problem::Problem;
+use crate::attribute::verdict::ignorance;
+
+/// An effect of the simulation, where it fits best.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Untried {
+    /// Its explanation, with a rest or without, whichever is the better one.
+    pub place: usize,
+    /// What the emulator does not know there, in units of noise and scatter.
+    pub ignorance: f64,
+}
+
+/// What an emulator may not know of an effect, in units of noise and scatter.
+const KNOWN: f64 = 1.0;
+
+/// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
+const OF_WHAT_IS_LEFT: f64 = 0.25;
+
+/// Single effects of which the emulator knows too little, where something unknown comes first, in the order of the
+/// explanations: none of the candidates explains a measurement only if all have been tried. A vague emulator makes
+/// a measurement improbable under the very effect that is in it, and what is improbable gets no runs.
+pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untried> {
+    if explanations.first().is_none_or(|first| first.is_cause() || !first.has_rest) {
+        return Vec::new();
+    }
+    let is_single = |of: &Explanation| match of.hypothesis.as_slice() {
+        [candidate] => matches!(problem.candidates[*candidate], Candidate::Simulated(_)),
+        _ => false,
+    };
+    let is_better = |of: &Explanation| {
+        let twin = explanations.iter().find(|o| o.hypothesis == of.hypothesis && o.has_rest != of.has_rest);
+        twin.is_none_or(|twin| (of.ln_weight, of.has_rest) > (twin.ln_weight, twin.has_rest))
+    };
+    let asked = explanations
+        .iter()
+        .enumerate()
+        .filter(|(_, of)| is_single(of) && of.ruled_out != Some(RuledOut::Invisible) && is_better(of));
+    asked
+        .filter_map(|(place, of)| {
+            let ignorance = ignorance(problem, of);
+            let is_unknown = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of));
+            is_unknown.then_some(Untried { place, ignorance })
+        })
+        .collect()
+}
+
+/// Root mean square of what an explanation leaves where it fits best, in units of the stated noise and scatter.
+fn left(problem: &Problem<'_>, of: &Explanation) -> f64 {
+    let model = of.model(problem);
+    let w = of.best();
+    let scales: Vec<f64> = model.nuisances(w).scales.iter().map(|scale| scale.min(1.0)).collect();
+    let residual = model.residual(&model.mean(w));
+    let square = |(i, r): (usize, &f64)| (r / problem.spread(problem.observable_of(i), &scales)).powi(2);
+    (residual.iter().enumerate().map(square).sum::<f64>() / residual.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::attribution::attribute;
+    use crate::attribute::next_runs::next_runs;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    /// Names of what is untried, and how many of 50 further runs have the effect, where something unknown comes first
+    /// or the most probable; the emulator's variance, and a remainder of this height.
+    fn of(variance: f64, remainder: f64, is_unknown_first: bool) -> (Vec<String>, usize) {
+        let (predictor, prior) = (Straight::unsure(variance), Straight::prior());
+        let mut values = Straight::measured(1.3, 0.6, 0.8, 0.01).values.remove(0);
+        (0..STEPS).for_each(|t| values[t] += remainder * if t % 2 == 0 { 1.0 } else { -1.0 });
+        let observations = Straight::observations(values);
+        let problem = predictor.problem(&prior, &observations);
+        let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        if is_unknown_first {
+            explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
+        }
+        let names = untried(&problem, &explanations);
+        let names = names.iter().map(|of| explanations[of.place].name.clone()).collect();
+        let runs = next_runs(&problem, &explanations, 50, 1).unwrap();
+        (names, runs.iter().filter(|run| run[2] != 0.0).count())
+    }
+
+    #[test]
+    fn something_unknown_is_the_answer_only_where_the_emulator_knows_the_effects() {
+        let (known, _) = of(1e-8, 0.0, true);
+        assert!(known.is_empty(), "{known:?}");
+        let (unknown, runs) = of(2.5e-3, 0.0, true);
+        assert!(unknown.len() == 1 && unknown[0].starts_with("wave"), "{unknown:?}");
+        assert!(runs >= 40, "{runs}");
+        let (of_a_cause, _) = of(2.5e-3, 0.0, false);
+        assert!(of_a_cause.is_empty(), "{of_a_cause:?}");
+    }
+
+    #[test]
+    fn what_leaves_far_more_than_the_emulator_errs_is_no_answer() {
+        let (names, _) = of(2.5e-3, 2.0, true);
+        assert!(names.is_empty(), "{names:?}");
+    }
+}
