@@ -113,6 +113,16 @@ pub fn verdict(
     Ok(verdicts)
 }
 
+/// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
+/// first, if it closes most of it; and what the emulator does not know there.
+fn may_close<'a>(problem: &Problem<'_>, diagnosis: &'a Diagnosis) -> Option<(&'a Explanation, f64)> {
+    let explanations = &diagnosis.attribution.explanations;
+    let untried =
+        untried(problem, explanations).into_iter().map(|of| (&explanations[of.place], of.ignorance));
+    let most = untried.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes));
+    most.filter(|(of, _)| of.closes >= MOST)
+}
+
 /// Effects that nothing can be said of yet, though something unknown comes first.
 fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, explanations: &[Explanation]) {
     let untried = untried(problem, explanations);
@@ -184,6 +194,13 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
                     first.probability
                 ),
             );
+            return Ok(());
+        }
+        if let Some((of, unknown)) = may_close(problem, diagnosis) {
+            verdicts.add("unsettled", "unexplained", format!(
+                "something else seems to be at work, probability {:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {unknown:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
+                first.probability, name(&of.hypothesis, &problem.candidates), percent(of.closes)
+            ));
             return Ok(());
         }
         verdicts.add("unexplained", first.probability, format!(
