@@ -201,7 +201,8 @@ mod tests {
     }
 
     fn quiet(message: &str) {
-        panic!("{message}");
+        // Programs that other tests of this process start inherit the lock of a folder for as long as they live.
+        assert!(message.contains("waiting for the runs that another process"), "{message}");
     }
 
     #[test]
