@@ -14,8 +14,6 @@ use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
-use gl_gap::attribute::untried::untried;
-use gl_gap::attribute::verdict::ignorance;
 use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
@@ -166,9 +164,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let standing = Standing {
             cause: cause(&diagnosis.first().name),
             probability: diagnosis.stated(),
-            ignorance: untried(&problem, &diagnosis.attribution.explanations)
-                .iter()
-                .fold(ignorance(&problem, diagnosis.first()), |most, of| most.max(of.ignorance)),
+            ignorance: diagnosis.least_known(),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))
@@ -199,8 +195,10 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
                     .believing(&shared.prior);
                 let count = rounds.pointed(pointed);
                 pointed += 1;
-                let explanations = &found.0.attribution.explanations;
-                (design.prior.clone(), next_runs(&problem, explanations, count, how.seed)?)
+                let diagnosis = &found.0;
+                let explanations = &diagnosis.attribution.explanations;
+                let runs = next_runs(&problem, explanations, &diagnosis.untried, count, how.seed)?;
+                (design.prior.clone(), runs)
             }
         };
         let specimens = specimens + 10_000 * (round as u64 - 1);

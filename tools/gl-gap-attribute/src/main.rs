@@ -395,7 +395,8 @@ fn write_next(
     diagnosis: &Diagnosis,
 ) -> Result<()> {
     let names = sample_names(&args.name, args.iteration, count)?;
-    let values = next_runs(problem, &diagnosis.attribution.explanations, count, args.seed)?;
+    let values =
+        next_runs(problem, &diagnosis.attribution.explanations, &diagnosis.untried, count, args.seed)?;
     Samples { source: "samples".to_owned(), names, parameters: problem.prior.names(), values }
         .write(Some(path), args.threads.map(NonZeroUsize::get))
 }

@@ -11,6 +11,7 @@ use crate::attribute::lean::{Lean, leans};
 use crate::attribute::measurement::{Kind, MeasurementEffect};
 use crate::attribute::problem::Problem;
 use crate::attribute::test::Test;
+use crate::attribute::untried::{Untried, ignorance, untried};
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
@@ -129,6 +130,10 @@ pub struct Diagnosis {
     pub floor: f64,
     /// Parameters that the measurement pulls beyond their bounds under hypotheses that matter.
     pub leans: Vec<Lean>,
+    /// What the emulator does not know where the first explanation fits best, in units of noise and scatter.
+    pub ignorance: f64,
+    /// Effects that are not to be ruled out yet, since the emulator knows too little of them.
+    pub untried: Vec<Untried>,
 }
 
 impl Diagnosis {
@@ -148,6 +153,12 @@ impl Diagnosis {
     pub fn stated(&self) -> f64 {
         let first = self.first();
         if first.is_cause() { self.probability_of(&first.hypothesis) } else { first.probability }
+    }
+
+    /// The most that the emulator does not know where the first explanation fits best, or an untried effect, in units of
+    /// noise and scatter.
+    pub fn least_known(&self) -> f64 {
+        self.untried.iter().fold(self.ignorance, |most, of| most.max(of.ignorance))
     }
 
     /// Probability of the same effects with a rest and without, which is what is said of them.
@@ -193,7 +204,9 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         })
         .collect();
     let leans = leans(problem, explanations)?;
-    Ok(Diagnosis { rows, effects, attribution, floor, leans })
+    let ignorance = ignorance(problem, &explanations[0]);
+    let untried = untried(problem, explanations);
+    Ok(Diagnosis { rows, effects, attribution, floor, leans, ignorance, untried })
 }
 
 fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {

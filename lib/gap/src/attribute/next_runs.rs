@@ -6,7 +6,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::hypothesis::{is_part, ln_prior_odds};
 use crate::attribute::problem::Problem;
-use crate::attribute::untried::untried;
+use crate::attribute::untried::Untried;
 use gl_inference::prior::{normal_cdf, normal_quantile};
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::moments;
@@ -40,11 +40,12 @@ const FURTHEST: f64 = 2.5;
 pub fn next_runs(
     problem: &Problem<'_>,
     explanations: &[Explanation],
+    untried: &[Untried],
     count: usize,
     seed: u64,
 ) -> Result<Vec<Vec<f64>>> {
     let mut runs = Vec::with_capacity(count);
-    for (place, share) in shares(problem, explanations, count).into_iter().enumerate() {
+    for (place, share) in shares(problem, explanations, untried, count).into_iter().enumerate() {
         if share > 0 {
             runs.extend(draw(problem, &explanations[place], share, seed + place as u64)?);
         }
@@ -53,7 +54,12 @@ pub fn next_runs(
 }
 
 /// How many runs each explanation gets.
-fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> Vec<usize> {
+fn shares(
+    problem: &Problem<'_>,
+    explanations: &[Explanation],
+    untried: &[Untried],
+    count: usize,
+) -> Vec<usize> {
     let ln_odds: Vec<f64> = explanations
         .iter()
         .map(|of| match of.ruled_out {
@@ -92,8 +98,7 @@ fn shares(problem: &Problem<'_>, explanations: &[Explanation], count: usize) -> 
     };
     let mut weights: Vec<f64> = explanations.iter().zip(&flattened).map(weight).collect();
     let whole: f64 = weights.iter().sum();
-    let untried = untried(problem, explanations);
-    for of in &untried {
+    for of in untried {
         weights[of.place] += UNTRIED * whole / untried.len() as f64;
     }
     let whole: f64 = weights.iter().sum();
@@ -147,7 +152,7 @@ mod tests {
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
         let problem = predictor.problem(&prior, &observations);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
-        let shares = shares(&problem, &explanations, 60);
+        let shares = shares(&problem, &explanations, &[], 60);
         let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];
         assert_eq!(explanations[0].name, "wave");
         assert!(explanations.iter().filter(|of| of.hypothesis.is_empty()).all(|of| of.probability < 1e-3));

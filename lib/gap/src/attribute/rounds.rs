@@ -7,6 +7,7 @@
 use anyhow::Result;
 use gl_table::Table;
 
+use crate::attribute::untried::KNOWN;
 use crate::attribute::winner::most_probable;
 
 /// The sizes of rounds, as shares of all runs.
@@ -56,16 +57,12 @@ pub struct Standing {
     pub cause: String,
     /// Its probability.
     pub probability: f64,
-    /// What the emulator does not know at the best fit, or where effects fit best that are not to be ruled out yet, in
-    /// units of noise and scatter.
+    /// See [`Diagnosis::least_known`](crate::attribute::diagnosis::Diagnosis::least_known).
     pub ignorance: f64,
 }
 
 /// From this probability on a cause stands out.
 const SHARP: f64 = 0.95;
-
-/// What the emulator may not know then.
-const KNOWN: f64 = 1.0;
 
 impl Standing {
     /// By the tables of `gl-gap-attribute`: its rows, and its verdict.

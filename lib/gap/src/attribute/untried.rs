@@ -3,7 +3,6 @@
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::problem::Problem;
-use crate::attribute::verdict::ignorance;
 
 /// An effect of the simulation, where it fits best.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,8 +13,8 @@ pub struct Untried {
     pub ignorance: f64,
 }
 
-/// What an emulator may not know of an effect, in units of noise and scatter.
-const KNOWN: f64 = 1.0;
+/// What an emulator may not know, in units of noise and scatter.
+pub const KNOWN: f64 = 1.0;
 
 /// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
 const OF_WHAT_IS_LEFT: f64 = 0.25;
@@ -48,14 +47,30 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
         .collect()
 }
 
-/// Root mean square of what an explanation leaves where it fits best, in units of the stated noise and scatter.
+/// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
+/// units of noise and scatter.
+pub fn ignorance(problem: &Problem<'_>, of: &Explanation) -> f64 {
+    let errors = problem.emulator_errors(&of.model(problem).curve(of.best()).variance);
+    in_units_of_noise(problem, of, |i| errors.row(i).norm_squared())
+}
+
+/// Root mean square over all readings of what an explanation leaves where it fits best, in the same units.
 fn left(problem: &Problem<'_>, of: &Explanation) -> f64 {
     let model = of.model(problem);
-    let w = of.best();
-    let scales: Vec<f64> = model.nuisances(w).scales.iter().map(|scale| scale.min(1.0)).collect();
-    let residual = model.residual(&model.mean(w));
-    let square = |(i, r): (usize, &f64)| (r / problem.spread(problem.observable_of(i), &scales)).powi(2);
-    (residual.iter().enumerate().map(square).sum::<f64>() / residual.len() as f64).sqrt()
+    let residual = model.residual(&model.mean(of.best()));
+    in_units_of_noise(problem, of, |i| residual[i] * residual[i])
+}
+
+/// Root mean square of squares by reading, in units of scatter and the noise of an explanation, which is no more than
+/// what is stated: one that came out larger may have taken in what the emulator does not know.
+fn in_units_of_noise(problem: &Problem<'_>, of: &Explanation, square: impl Fn(usize) -> f64) -> f64 {
+    let mut scales = of.model(problem).nuisances(of.best()).scales;
+    if problem.is_noise_stated {
+        scales.iter_mut().for_each(|scale| *scale = scale.min(1.0));
+    }
+    let readings = problem.observed.len();
+    let in_units = |i: usize| square(i) / problem.spread(problem.observable_of(i), &scales).powi(2);
+    ((0..readings).map(in_units).sum::<f64>() / readings as f64).sqrt()
 }
 
 #[cfg(test)]
@@ -79,9 +94,9 @@ mod tests {
         if is_unknown_first {
             explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
         }
-        let names = untried(&problem, &explanations);
-        let names = names.iter().map(|of| explanations[of.place].name.clone()).collect();
-        let runs = next_runs(&problem, &explanations, 50, 1).unwrap();
+        let untried = untried(&problem, &explanations);
+        let names = untried.iter().map(|of| explanations[of.place].name.clone()).collect();
+        let runs = next_runs(&problem, &explanations, &untried, 50, 1).unwrap();
         (names, runs.iter().filter(|run| run[2] != 0.0).count())
     }
 

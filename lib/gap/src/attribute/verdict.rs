@@ -13,7 +13,6 @@ use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::{GoesWith, goes_with};
 use crate::attribute::told::{Told, told};
-use crate::attribute::untried::untried;
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -36,22 +35,6 @@ const CORRELATED: f64 = 0.35;
 /// The base model fits if its predictive probability is above this: then there is no gap that a cause would
 /// have to explain.
 const FITS: f64 = 0.05;
-
-/// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
-/// units of noise and scatter.
-pub fn ignorance(problem: &Problem<'_>, explanation: &Explanation) -> f64 {
-    let model = explanation.model(problem);
-    let w = explanation.best();
-    // By the stated noise: one that came out larger may have taken in what the emulator does not know.
-    let mut scales = model.nuisances(w).scales;
-    if problem.is_noise_stated {
-        scales.iter_mut().for_each(|scale| *scale = scale.min(1.0));
-    }
-    let errors = problem.emulator_errors(&model.curve(w).variance);
-    let square =
-        |i: usize| errors.row(i).norm_squared() / problem.spread(problem.observable_of(i), &scales).powi(2);
-    ((0..errors.nrows()).map(square).sum::<f64>() / errors.nrows() as f64).sqrt()
-}
 
 fn percent(share: f64) -> f64 {
     (100.0 * share).round()
@@ -92,13 +75,13 @@ pub fn verdict(
     add_cause(&mut verdicts, problem, diagnosis, seed)?;
     add_rest(&mut verdicts, problem, diagnosis.first())?;
     add_noise(&mut verdicts, problem, diagnosis.first());
-    let ignorance = ignorance(problem, diagnosis.first());
+    let ignorance = diagnosis.ignorance;
     if ignorance > IGNORANT {
         verdicts.add("emulator", ignorance, format!(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
     }
-    add_untried(&mut verdicts, problem, &diagnosis.attribution.explanations);
+    add_untried(&mut verdicts, problem, diagnosis);
     add_told(&mut verdicts, problem, diagnosis);
     add_rivals(&mut verdicts, problem, diagnosis)?;
     add_hidden(&mut verdicts, problem, diagnosis);
@@ -115,17 +98,16 @@ pub fn verdict(
 
 /// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
 /// first, if it closes most of it; and what the emulator does not know there.
-fn may_close<'a>(problem: &Problem<'_>, diagnosis: &'a Diagnosis) -> Option<(&'a Explanation, f64)> {
+fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
     let explanations = &diagnosis.attribution.explanations;
-    let untried =
-        untried(problem, explanations).into_iter().map(|of| (&explanations[of.place], of.ignorance));
+    let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of.ignorance));
     let most = untried.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes));
     most.filter(|(of, _)| of.closes >= MOST)
 }
 
 /// Effects that nothing can be said of yet, though something unknown comes first.
-fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, explanations: &[Explanation]) {
-    let untried = untried(problem, explanations);
+fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let (untried, explanations) = (&diagnosis.untried, &diagnosis.attribution.explanations);
     let most = untried.iter().map(|of| of.ignorance).fold(0.0, f64::max);
     let mut names: Vec<String> =
         untried.iter().map(|of| name(&explanations[of.place].hypothesis, &problem.candidates)).collect();
@@ -196,7 +178,7 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
             );
             return Ok(());
         }
-        if let Some((of, unknown)) = may_close(problem, diagnosis) {
+        if let Some((of, unknown)) = may_close(diagnosis) {
             verdicts.add("unsettled", "unexplained", format!(
                 "something else seems to be at work, probability {:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {unknown:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
                 first.probability, name(&of.hypothesis, &problem.candidates), percent(of.closes)
