@@ -120,6 +120,10 @@ const IGNORANCE: f64 = 0.5;
 /// and it and their price together are least where it is in proportion to n.
 const SCATTERED_IGNORANCE: (f64, f64) = (0.35, 25.0);
 
+/// The same where runs scatter and the model fits with no parameters: a bad fit is what there is to know, and the runs
+/// that would sharpen it are better spent on what it lacks.
+const UNFIT_IGNORANCE: f64 = 1.0;
+
 /// Where runs scatter and there are so many of them a parameter, it is enough that what is not known makes the standard
 /// deviations no wider than so: a share of them would be left without it.
 const KNOWN: (f64, f64) = (0.85, 40.0);
@@ -195,7 +199,13 @@ fn runs_a_parameter(summary: &Summary) -> f64 {
 
 fn scattered_ignorance(summary: &Summary) -> f64 {
     let (least, runs) = SCATTERED_IGNORANCE;
-    least * (runs_a_parameter(summary) / runs).max(1.0).sqrt()
+    let tolerance = least * (runs_a_parameter(summary) / runs).max(1.0).sqrt();
+    if is_unfit(summary) { tolerance.max(UNFIT_IGNORANCE) } else { tolerance }
+}
+
+/// Whether the best fit is worse than chance.
+fn is_unfit(summary: &Summary) -> bool {
+    chi_square(summary).is_some_and(|(_, _, p)| p < UNLIKELY)
 }
 
 /// Whether what tens of further runs could take from the standard deviations is little.
@@ -400,6 +410,28 @@ mod tests {
         assert!(!is_met(summary(11.0, 1000.0), before(1050.0)), "sharper weights would still tell more");
         assert!(!is_met(summary(9.0, 1000.0), before(1200.0)), "the best run still gets better");
         assert!(!is_met(summary(9.0, 1000.0), Previous::First));
+    }
+
+    #[test]
+    fn where_runs_scatter_a_bad_fit_need_not_be_sharp() {
+        let is_met = |ignorance: f64, p: f64, rmse: f64| {
+            let summary = Summary {
+                runs: Some(50.0),
+                ignorance: Some(ignorance),
+                known_sd: Some(0.5),
+                rmse: Some(rmse),
+                chi_square: Some(300.0),
+                chi_square_degrees: Some(100.0),
+                chi_square_p: Some(p),
+                parameters: vec![ParameterSummary { name: "a".into(), ..ParameterSummary::default() }],
+                ..Summary::default()
+            };
+            settled(&summary, &Previous::NotAsked).iter().find(|of| of.name == "ignorance").unwrap().is_met
+        };
+        assert!(is_met(0.9, 1e-9, 0.8));
+        assert!(!is_met(1.1, 1e-9, 0.8));
+        assert!(!is_met(0.9, 0.1, 0.8), "it fits, and what is asked is how sharp it can be");
+        assert!(!is_met(0.9, 1e-9, 0.1), "they do not scatter: a few more runs tell");
     }
 
     #[test]
