@@ -388,6 +388,26 @@ fn the_last_runs_of_a_design_lie_where_the_first_ones_point() {
 }
 
 #[test]
+fn a_design_that_has_ended_goes_on_where_it_may_have_more_runs() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
+    // So noisy that no two rounds are sure of anything.
+    set(&folder, &[("noise", "{ f = 0.3, t = 0.1 }")]);
+    let sizes = |runs: &str| -> Vec<usize> {
+        finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made", runs]));
+        let rounds = (0..).map(|r| format!("made/design/round{r}/samples.txt"));
+        rounds.take_while(|samples| folder.path(samples).exists()).map(|it| rows(&folder, &it)).collect()
+    };
+    assert_eq!(sizes("design_num=40"), [16, 4, 8, 12]);
+    let second = || folder.read("made/design/round1/samples.txt");
+    let (before, was) = (second(), folder.read("made/design/samples.txt"));
+    assert_eq!(sizes("design_num=60"), [16, 4, 8, 12, 20]);
+    assert_eq!(second(), before);
+    let now = folder.read("made/design/samples.txt");
+    assert!(was.lines().all(|run| now.lines().any(|line| line == run)), "a run that was made is gone");
+}
+
+#[test]
 fn a_design_goes_beyond_a_prior_that_excludes_the_truth_and_that_is_said_first() {
     let folder = Folder::default();
     copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);

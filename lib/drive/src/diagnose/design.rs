@@ -41,17 +41,24 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let (mut widened, mut pointed) = (Widened::default(), 0);
+        let wanted = self.case.design_num.unwrap_or(0);
+        let (mut widened, mut is_wider, mut pointed, mut made) = (Widened::default(), false, 0, 0);
         let mut before: Option<Standing> = None;
         for number in 0.. {
-            let round = Round { diagnosis: self, number, folder: self.round(number), pointed };
+            let round = Round { diagnosis: self, number, folder: self.round(number), pointed, made };
             if round.make()? == Progress::InQueue {
                 return Ok(Progress::InQueue);
             }
+            if !is_wider {
+                made += round.len()?;
+            }
             let now = round.standing()?;
-            if self.widen(&round.folder, number, &mut widened)? {
+            // By a `design_num` that is larger than it was, a design that had ended goes on.
+            let is_all = pointed >= POINTED && made >= wanted;
+            is_wider = self.widen(&round.folder, number, &mut widened)?;
+            if is_wider {
                 before = None;
-            } else if pointed == POINTED || before.is_some_and(|before| now.is_settled_since(&before)) {
+            } else if is_all || before.is_some_and(|before| now.is_settled_since(&before)) {
                 return self.conclude(&round.folder);
             } else {
                 self.point(&round.folder, number + 1)?;
@@ -167,6 +174,8 @@ struct Round<'a> {
     folder: PathBuf,
     /// Rounds before it that were made where the hypotheses point.
     pointed: usize,
+    /// Runs of the rounds before it, but for those in wider boxes.
+    made: usize,
 }
 
 impl Round<'_> {
@@ -184,6 +193,23 @@ impl Round<'_> {
 
     fn file(&self, name: &str) -> PathBuf {
         self.folder.join(name)
+    }
+
+    /// Number of its runs.
+    fn len(&self) -> Result<usize> {
+        Ok(Samples::read(&self.file("samples.txt"))?.len())
+    }
+
+    /// Number of runs that the next round has, if it is one that this one points to.
+    fn next(&self) -> Result<usize> {
+        let there = self.diagnosis.round(self.number + 1).join("samples.txt");
+        if there.exists() {
+            // Runs that are made stay as they are where a design grows.
+            return Ok(Samples::read(&there)?.len());
+        }
+        let left = self.diagnosis.case.design_num.unwrap_or(0).saturating_sub(self.made + self.len()?);
+        let is_more = self.pointed >= POINTED && left > 0;
+        Ok(if is_more { left } else { self.diagnosis.rounds()?.pointed(self.pointed) })
     }
 
     /// What it says.
@@ -394,7 +420,7 @@ impl Round<'_> {
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
-            .option("--next", Some(self.diagnosis.rounds()?.pointed(self.pointed)))
+            .option("--next", Some(self.next()?))
             .flag("--name", format!("{}-design", case.name))
             .option("--iteration", Some(self.number + 1))
             .option("--threads", case.threads)
@@ -418,7 +444,7 @@ impl Diagnosis<'_> {
         if self.case.design_num.is_some() {
             return Ok(0);
         }
-        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0 };
+        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0, made: 0 };
         let there = first.in_box(&first.folders(false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
     }
