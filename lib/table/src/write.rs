@@ -192,6 +192,10 @@ impl Part {
                     rustix::fs::linkat(CWD, own.as_str(), CWD, path, AtFlags::SYMLINK_FOLLOW)?;
                     file.try_clone()
                 };
+                // What is not there yet gets its name at once; who is killed between two names leaves the first.
+                if link(destination).is_ok() {
+                    return Ok(());
+                }
                 Builder::new()
                     .prefix(&prefix(destination))
                     .suffix(".part")

@@ -495,6 +495,7 @@ mod tests {
     use super::*;
     use crate::attribute::diagnosis::diagnose;
     use crate::attribute::synthetic_world::Straight;
+    use crate::attribute::untried::untried;
 
     /// What is said of the cause where something unknown comes first, and the emulator has this variance.
     fn said_of_something_unknown(variance: f64) -> String {
@@ -503,6 +504,7 @@ mod tests {
         let problem = predictor.problem(&prior, &observations);
         let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
         diagnosis.attribution.explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
+        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
         let mut verdicts = Verdicts::default();
         add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
         verdicts.rows.remove(0).text
