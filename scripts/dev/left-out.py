@@ -17,14 +17,10 @@ import random
 import subprocess
 import sys
 import tempfile
-import tomllib
+
+from tables import rows, settings, write
 
 EDGE = 0.07  # of the prior's range
-
-
-def rows(path):
-    with open(path) as table:
-        return [line.rstrip("\n").split("\t") for line in table]
 
 
 def joined(paths):
@@ -32,18 +28,12 @@ def joined(paths):
     return [tables[0][0]] + [row for table in tables for row in table[1:]]
 
 
-def write(path, table):
-    with open(path, "w") as file:
-        file.writelines("\t".join(row) + "\n" for row in table)
-
-
 def main():
     if len(sys.argv) not in (3, 4) or sys.argv[1] in ("-h", "--help"):
         sys.exit(__doc__)
     case, out, number = sys.argv[1], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 40
-    with open(os.path.join(case, "case.toml"), "rb") as file:
-        settings = tomllib.load(file)
-    tests = [{**settings, **test} for test in settings.get("test", [{"name": ""}])]
+    of_case = settings(case)
+    tests = [{**of_case, **test} for test in of_case.get("test", [{"name": ""}])]
     iterations = sorted((name for name in os.listdir(out) if name.startswith("iter")), key=lambda name: int(name[4:]))
     samples = joined([os.path.join(out, name, "samples.txt") for name in iterations])
     ensembles = [
