@@ -120,8 +120,8 @@ const IGNORANCE: f64 = 0.5;
 /// and it and their price together are least where it is in proportion to n.
 const SCATTERED_IGNORANCE: (f64, f64) = (0.35, 25.0);
 
-/// The same where runs scatter and the model fits with no parameters: a bad fit is what there is to know, and the runs
-/// that would sharpen it are better spent on what it lacks.
+/// The same where runs scatter and the model does not fit, whatever its parameters: a bad fit is what there is to know, and
+/// the runs that would sharpen it are better spent on what it lacks.
 const UNFIT_IGNORANCE: f64 = 1.0;
 
 /// Where runs scatter and there are so many of them a parameter, it is enough that what is not known makes the standard

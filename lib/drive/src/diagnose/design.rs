@@ -41,20 +41,20 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let wanted = self.case.design_num.unwrap_or(0);
-        let (mut widened, mut is_wider, mut pointed, mut made) = (Widened::default(), false, 0, 0);
+        let (mut widened, mut is_wider, mut pointed) = (Widened::default(), false, 0);
+        // By a `design_num` that is larger than it was, a design that had ended goes on.
+        let mut left = self.case.design_num.unwrap_or(0);
         let mut before: Option<Standing> = None;
         for number in 0.. {
-            let round = Round { diagnosis: self, number, folder: self.round(number), pointed, made };
+            let round = Round { diagnosis: self, number, folder: self.round(number), pointed, left };
             if round.make()? == Progress::InQueue {
                 return Ok(Progress::InQueue);
             }
             if !is_wider {
-                made += round.len()?;
+                left = left.saturating_sub(round.len()?);
             }
             let now = round.standing()?;
-            // By a `design_num` that is larger than it was, a design that had ended goes on.
-            let is_all = pointed >= POINTED && made >= wanted;
+            let is_all = pointed >= POINTED && left == 0;
             is_wider = self.widen(&round.folder, number, &mut widened)?;
             if is_wider {
                 before = None;
@@ -174,8 +174,8 @@ struct Round<'a> {
     folder: PathBuf,
     /// Rounds before it that were made where the hypotheses point.
     pointed: usize,
-    /// Runs of the rounds before it, but for those in wider boxes.
-    made: usize,
+    /// Runs that `design_num` leaves beside those of the rounds before it, in wider boxes not counted; 0 if absent.
+    left: usize,
 }
 
 impl Round<'_> {
@@ -207,7 +207,7 @@ impl Round<'_> {
             // Runs that are made stay as they are where a design grows.
             return Ok(Samples::read(&there)?.len());
         }
-        let left = self.diagnosis.case.design_num.unwrap_or(0).saturating_sub(self.made + self.len()?);
+        let left = self.left.saturating_sub(self.len()?);
         let is_more = self.pointed >= POINTED && left > 0;
         Ok(if is_more { left } else { self.diagnosis.rounds()?.pointed(self.pointed) })
     }
@@ -444,7 +444,7 @@ impl Diagnosis<'_> {
         if self.case.design_num.is_some() {
             return Ok(0);
         }
-        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0, made: 0 };
+        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0, left: 0 };
         let there = first.in_box(&first.folders(false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
     }
