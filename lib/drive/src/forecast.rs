@@ -74,8 +74,14 @@ impl Plan<'_> {
         let has_effects = !self.prior.effects().is_empty();
         if has_effects {
             let design = Rounds { all: runs_of_design(self.case, self.prior) };
+            let further = match self.case.design_num {
+                None => {
+                    format!(", and {} more where too little is known of effects then", design.most_further())
+                }
+                Some(_) => String::new(),
+            };
             let text = format!(
-                "a diagnosis takes two calibrations and {} runs more: {all} at the most{}, and {} more where its box proves too narrow",
+                "a diagnosis takes two calibrations and {} runs more: {all} at the most{}, and {} more where its box proves too narrow{further}",
                 design.all,
                 in_tests(self.case),
                 design.most_wider()

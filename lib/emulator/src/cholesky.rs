@@ -126,24 +126,28 @@ pub fn lower_times(lower: &Square, x: &[f64]) -> Vec<f64> {
 
 #[with_simd(triangle_times = Arch::new())]
 #[inline(always)]
-fn triangle_times_wide<S: Simd>(_width: S, lower: &Square, x: &[f64]) -> Vec<f64> {
-    let mut product = vec![0.0; x.len()];
-    for (i, value) in product.iter_mut().enumerate() {
-        *value = dot(&lower.row(i)[..=i], &x[..=i]);
+fn triangle_times_wide<S: Simd>(simd: S, lower: &Square, x: &[f64]) -> Vec<f64> {
+    let n = x.len();
+    let mut product = vec![0.0; n];
+    for i in (0..n).step_by(4) {
+        let end = (i + 4).min(n);
+        // Beyond the last row it stands in, and is left away.
+        let rows = [0, 1, 2, 3].map(|k| (i + k).min(n - 1)).map(|row| &lower.row(row)[..=row]);
+        product[i..end].copy_from_slice(&four_dots(simd, x, rows)[..end - i]);
     }
     product
 }
 
 #[with_simd(times_transpose = Arch::new())]
 #[inline(always)]
-fn times_transpose_wide<S: Simd>(_width: S, upper: &Square) -> Square {
+fn times_transpose_wide<S: Simd>(simd: S, upper: &Square) -> Square {
     let n = upper.n();
     let mut product = Square::zeros(n);
     for i in 0..n {
         let row = &upper.row(i)[i..];
         for j in (0..=i).step_by(4) {
             // Beyond the diagonal its own row stands in, and is left away.
-            let sums = four_dots(row, [0, 1, 2, 3].map(|k| &upper.row((j + k).min(i))[i..]));
+            let sums = four_dots(simd, row, [0, 1, 2, 3].map(|k| &upper.row((j + k).min(i))[i..]));
             let last = (j + 4).min(i + 1);
             product.row_mut(i)[j..last].copy_from_slice(&sums[..last - j]);
         }
@@ -171,14 +175,14 @@ fn upper_inverse_wide<S: Simd>(_width: S, lower: &Square) -> Square {
 /// Rows are made four at a time, so that the rows before are read once for all of them.
 #[with_simd(factor = Arch::new())]
 #[inline(always)]
-fn factor_wide<S: Simd>(_width: S, a: &Square, jitter: f64) -> Option<Square> {
+fn factor_wide<S: Simd>(simd: S, a: &Square, jitter: f64) -> Option<Square> {
     let n = a.n();
     let mut lower = Square::zeros(n);
     for i in 0..n {
         if i % 4 == 0 && i + 4 <= n {
             let (before, rows) = lower.values.split_at_mut(i * n);
             for (j, other) in before.chunks_exact(n).enumerate() {
-                let sums = four_dots(&other[..j], [0, 1, 2, 3].map(|k| &rows[k * n..k * n + j]));
+                let sums = four_dots(simd, &other[..j], [0, 1, 2, 3].map(|k| &rows[k * n..k * n + j]));
                 for (k, sum) in sums.into_iter().enumerate() {
                     rows[k * n + j] = (a.row(i + k)[j] - sum) / other[j];
                 }
@@ -216,25 +220,35 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// [`dot`] with four at once, to the same digits.
+/// [`dot`] of the first of `a` with four others, each as long as it is there and at least as long as the first of them, to
+/// the same digits: as many vectors as eight partial sums need at this width.
 #[inline(always)]
-fn four_dots(a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
-    let (a, a_rest) = a.as_chunks::<8>();
-    let (b, b_rest): ([&[[f64; 8]]; 4], [&[f64]; 4]) = {
-        let split = b.map(<[f64]>::as_chunks::<8>);
-        (split.map(|(chunks, _)| &chunks[..a.len()]), split.map(|(_, rest)| &rest[..a_rest.len()]))
-    };
-    let mut sums = [[0.0; 8]; 4];
-    for (c, a) in a.iter().enumerate() {
-        for k in 0..4 {
-            for l in 0..8 {
-                sums[k][l] += a[l] * b[k][c][l];
+fn four_dots<S: Simd>(simd: S, a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
+    let parts = 8 / S::F64_LANES;
+    let whole = b[0].len() / 8 * 8;
+    let (x, _) = S::as_simd_f64s(&a[..whole]);
+    let y = b.map(|b| &S::as_simd_f64s(&b[..whole]).0[..x.len()]);
+    let mut sums = [[simd.splat_f64s(0.0); 8]; 4];
+    for first in (0..x.len()).step_by(parts) {
+        for part in 0..parts {
+            let x = x[first + part];
+            for (sums, y) in sums.iter_mut().zip(y) {
+                sums[part] = simd.add_f64s(sums[part], simd.mul_f64s(x, y[first + part]));
             }
         }
     }
     std::array::from_fn(|k| {
-        let rest: f64 = a_rest.iter().zip(b_rest[k]).map(|(a, b)| a * b).sum();
-        sums[k].iter().sum::<f64>() + rest
+        let mut eight = [0.0; 8];
+        S::as_mut_simd_f64s(&mut eight).0.copy_from_slice(&sums[k][..parts]);
+        let (y, y_rest) = b[k][whole..].as_chunks::<8>();
+        let (x, x_rest) = a[whole..b[k].len()].as_chunks::<8>();
+        for (x, y) in x.iter().zip(y) {
+            for l in 0..8 {
+                eight[l] += x[l] * y[l];
+            }
+        }
+        let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
+        eight.iter().sum::<f64>() + rest
     })
 }
 

@@ -162,19 +162,26 @@ fn weighted_squares(weights: &[f64], x: &[f64], at: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Gp {
     points: Points,
-    lengths: Vec<f64>,
-    scaled: ScaledPoints,
+    hyper: Hyperparameters,
     variance: f64,
-    nugget_ratio: f64,
     beta: Vec<f64>,
+    /// Factor of Hᵀ A⁻¹ H, if the mean has terms.
+    information: Option<Cholesky>,
+    /// What it has beside the mean function, if that is not scatter alone.
+    curved: Option<Curved>,
+    left_out: LeftOut,
+}
+
+/// What a process has beside its mean function.
+#[derive(Clone, Debug)]
+struct Curved {
+    scaled: ScaledPoints,
     /// A⁻¹ (y − H β).
     alpha: Vec<f64>,
     /// L⁻ᵀ transposed back: rows of L⁻¹.
     lower_inverse: Square,
     /// L⁻¹ H, shape (terms, points).
     terms: Vec<Vec<f64>>,
-    information: Option<Cholesky>,
-    left_out: LeftOut,
 }
 
 /// A point as the covariance of a process sees it; see [`Gp::place`].
@@ -218,30 +225,69 @@ impl Gp {
             }
         }
         let Factors { scaled, terms, information, .. } = factors;
+        let curved = Some(Curved { scaled, alpha, lower_inverse, terms });
         Ok(Self {
             points: points.clone(),
-            lengths: hyper.lengths.clone(),
-            scaled,
+            hyper: hyper.clone(),
             variance,
-            nugget_ratio: hyper.nugget_ratio,
             beta,
-            alpha,
-            lower_inverse,
-            terms,
             information,
+            curved,
             left_out,
         })
     }
 
+    /// Nothing but scatter about the mean function, R = 0: least squares.
+    ///
+    /// * `y` — readings, shape (points,).
+    ///
+    /// # Errors
+    /// If the terms of the mean function follow from each other.
+    pub fn scatter(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<Self> {
+        let terms = &points.terms;
+        let mut products = Square::zeros(terms.len());
+        for (i, term) in terms.iter().enumerate() {
+            for (j, other) in terms[..=i].iter().enumerate() {
+                products.row_mut(i)[j] = dot(term, other) / hyper.nugget_ratio;
+            }
+        }
+        let information = (!terms.is_empty()).then(|| Cholesky::new(&products)).transpose()?;
+        let mut beta: Vec<f64> = terms.iter().map(|term| dot(term, y) / hyper.nugget_ratio).collect();
+        if let Some(information) = &information {
+            information.solve(&mut beta);
+        }
+        let mut rest = y.to_vec();
+        for (term, beta) in terms.iter().zip(&beta) {
+            rest.iter_mut().zip(term).for_each(|(y, h)| *y -= beta * h);
+        }
+        let degrees = (points.n - terms.len()) as f64;
+        let estimated = || dot(&rest, &rest) / degrees / hyper.nugget_ratio;
+        let variance = hyper.variance.unwrap_or_else(estimated).max(f64::MIN_POSITIVE);
+        // What is left of each reading when the mean function follows it.
+        let left = |i: usize| {
+            let mut own: Vec<f64> = terms.iter().map(|term| term[i]).collect();
+            if let Some(information) = &information {
+                information.solve_lower(&mut own);
+            }
+            1.0 - dot(&own, &own) / hyper.nugget_ratio
+        };
+        let left: Vec<f64> = (0..points.n).map(left).collect();
+        let left_out = LeftOut {
+            mean: y.iter().zip(&rest).zip(&left).map(|((y, rest), left)| y - rest / left).collect(),
+            variance: left.iter().map(|left| variance * hyper.nugget_ratio / left).collect(),
+        };
+        let (points, hyper) = (points.clone(), hyper.clone());
+        Ok(Self { points, hyper, variance, beta, information, curved: None, left_out })
+    }
+
     /// The hyperparameters, with the variance.
     pub fn hyperparameters(&self) -> Hyperparameters {
-        let variance = Some(self.variance);
-        Hyperparameters { lengths: self.lengths.clone(), nugget_ratio: self.nugget_ratio, variance }
+        Hyperparameters { variance: Some(self.variance), ..self.hyper.clone() }
     }
 
     /// Variance of the scatter, s² η.
     pub fn nugget(&self) -> f64 {
-        self.variance * self.nugget_ratio
+        self.variance * self.hyper.nugget_ratio
     }
 
     /// Predictions of each reading from all the others, at the same hyperparameters and with the
@@ -266,14 +312,18 @@ impl Gp {
 
     /// Mean of the process at a point and its derivative by each input.
     pub fn mean_gradient(&self, x: &[f64]) -> (f64, Vec<f64>) {
-        let at = self.scale(x);
-        let (mut k, mut slope) = (vec![0.0; self.points.n], vec![0.0; self.points.n]);
-        self.scaled.correlate(&at, &mut k, Some(&mut slope));
-        slope.iter_mut().zip(&self.alpha).for_each(|(slope, alpha)| *slope *= alpha);
-        let total: f64 = slope.iter().sum();
-        let mut gradient: Vec<f64> = (0..at.len())
-            .map(|q| (dot(&slope, self.scaled.input(q)) - total * at[q]) / self.lengths[q])
-            .collect();
+        let mut k = vec![0.0; self.points.n];
+        let mut gradient = vec![0.0; x.len()];
+        if let Some(Curved { scaled, alpha, .. }) = &self.curved {
+            let at = self.scale(x);
+            let mut slope = vec![0.0; self.points.n];
+            scaled.correlate(&at, &mut k, Some(&mut slope));
+            slope.iter_mut().zip(alpha).for_each(|(slope, alpha)| *slope *= alpha);
+            let total: f64 = slope.iter().sum();
+            for (q, gradient) in gradient.iter_mut().enumerate() {
+                *gradient = (dot(&slope, scaled.input(q)) - total * at[q]) / self.hyper.lengths[q];
+            }
+        }
         let first = usize::from(self.points.has_constant);
         for (&q, beta) in self.points.sloped.iter().zip(&self.beta[first..]) {
             gradient[q] += beta;
@@ -283,45 +333,51 @@ impl Gp {
 
     /// What the covariance of the process at a point with that at others needs.
     pub fn place(&self, x: &[f64]) -> Place {
-        let at = self.scale(x);
-        let mut k = vec![0.0; self.points.n];
-        self.scaled.correlate(&at, &mut k, None);
-        let whitened = lower_times(&self.lower_inverse, &k);
-        let terms = self.unexplained_terms(x, &whitened);
-        Place { at, whitened, terms }
+        let whitened = self.whitened(&self.correlations(x));
+        Place { at: self.scale(x), terms: self.unexplained_terms(x, &whitened), whitened }
     }
 
     /// Covariance of the process at two points, given the readings.
     pub fn covariance(&self, a: &Place, b: &Place) -> f64 {
-        self.variance
-            * (self.scaled.correlation(&a.at, &b.at) - dot(&a.whitened, &b.whitened)
-                + dot(&a.terms, &b.terms))
+        let before = self.curved.as_ref().map_or(0.0, |curved| curved.scaled.correlation(&a.at, &b.at));
+        self.variance * (before - dot(&a.whitened, &b.whitened) + dot(&a.terms, &b.terms))
     }
 
     fn scale(&self, x: &[f64]) -> Vec<f64> {
-        x.iter().zip(&self.lengths).map(|(x, length)| x / length).collect()
+        x.iter().zip(&self.hyper.lengths).map(|(x, length)| x / length).collect()
     }
 
+    /// Correlations of the readings with a point, k, shape (points,); none where there is scatter alone.
     fn correlations(&self, x: &[f64]) -> Vec<f64> {
+        let Some(curved) = &self.curved else { return Vec::new() };
         let mut k = vec![0.0; self.points.n];
-        self.scaled.correlate(&self.scale(x), &mut k, None);
+        curved.scaled.correlate(&self.scale(x), &mut k, None);
         k
     }
 
+    /// L⁻¹ k.
+    fn whitened(&self, k: &[f64]) -> Vec<f64> {
+        self.curved.as_ref().map_or_else(Vec::new, |curved| lower_times(&curved.lower_inverse, k))
+    }
+
     fn mean_from(&self, x: &[f64], k: &[f64]) -> f64 {
-        dot(&self.points.terms_at(x), &self.beta) + dot(k, &self.alpha)
+        let curve = self.curved.as_ref().map_or(0.0, |curved| dot(k, &curved.alpha));
+        dot(&self.points.terms_at(x), &self.beta) + curve
     }
 
     fn variance_from(&self, x: &[f64], k: &[f64]) -> f64 {
-        let v = lower_times(&self.lower_inverse, k);
+        let v = self.whitened(k);
         let rest = self.unexplained_terms(x, &v);
-        self.variance * (1.0 - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
+        let before = if self.curved.is_some() { 1.0 } else { 0.0 };
+        self.variance * (before - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
     }
 
     /// What the readings leave open of the mean function at a point, whitened; `v` is L⁻¹ k.
     fn unexplained_terms(&self, x: &[f64], v: &[f64]) -> Vec<f64> {
         let mut rest = self.points.terms_at(x);
-        rest.iter_mut().zip(&self.terms).for_each(|(h, term)| *h -= dot(term, v));
+        if let Some(curved) = &self.curved {
+            rest.iter_mut().zip(&curved.terms).for_each(|(h, term)| *h -= dot(term, v));
+        }
         if let Some(information) = &self.information {
             information.solve_lower(&mut rest);
         }
@@ -437,16 +493,43 @@ mod tests {
     }
 
     #[test]
+    fn scatter_alone_is_what_a_process_comes_near_to() {
+        let (rows, y) = example(20);
+        let at = vec![0.2, 0.4, 0.9];
+        for mean in [Mean::Zero, Mean::Constant, Mean::Linear] {
+            let points = Points::new(&rows, mean).unwrap();
+            // A process of a thousandth of the scatter, and one that is left away.
+            let hyper = Hyperparameters { nugget_ratio: 1e3, ..hyper(Some(1e-3)) };
+            let curved = Gp::new(&points, &y, &hyper).unwrap();
+            let scatter = Gp::scatter(&points, &y, &hyper).unwrap();
+            let (mean, slopes) = scatter.mean_gradient(&at);
+            near(mean, curved.mean(&at), 0.05);
+            for (here, there) in slopes.iter().zip(curved.mean_gradient(&at).1) {
+                near(*here, there, 0.05);
+            }
+            near(scatter.predict(&at).1, curved.predict(&at).1, 2e-3);
+            near(scatter.covariance(&scatter.place(&at), &scatter.place(&at)), scatter.predict(&at).1, 1e-12);
+            let (here, there) = (scatter.leave_one_out(), curved.leave_one_out());
+            for i in 0..rows.len() {
+                near(here.mean[i], there.mean[i], 0.05);
+                near(here.variance[i], there.variance[i], 5e-3);
+            }
+        }
+    }
+
+    #[test]
     fn leaving_one_out_in_closed_form_is_leaving_it_out() {
         let (rows, y) = example(20);
-        for mean in [Mean::Constant, Mean::Linear] {
+        let all = [Mean::Constant, Mean::Linear].map(|mean| [(mean, false), (mean, true)]);
+        for (mean, is_scatter) in all.into_iter().flatten() {
+            let of = if is_scatter { Gp::scatter } else { Gp::new };
             let hyper = hyper(Some(1.3));
-            let gp = Gp::new(&Points::new(&rows, mean).unwrap(), &y, &hyper).unwrap();
+            let gp = of(&Points::new(&rows, mean).unwrap(), &y, &hyper).unwrap();
             for i in 0..rows.len() {
                 let (mut other_rows, mut other_y) = (rows.clone(), y.clone());
                 other_rows.remove(i);
                 other_y.remove(i);
-                let others = Gp::new(&Points::new(&other_rows, mean).unwrap(), &other_y, &hyper).unwrap();
+                let others = of(&Points::new(&other_rows, mean).unwrap(), &other_y, &hyper).unwrap();
                 let (mean, variance) = others.predict(&rows[i]);
                 near(gp.leave_one_out().mean[i], mean, 1e-9);
                 near(gp.leave_one_out().variance[i], variance + others.nugget(), 1e-9);

@@ -56,6 +56,8 @@ pub struct Options {
     pub kernel: Kernel,
     /// Lengths, in ranges of the runs, below which there must be good reason to believe in them.
     pub short_length: f64,
+    /// Whether a component may be nothing but scatter, where there are enough runs to tell.
+    pub may_be_scatter: bool,
     /// Number of places that the search for the lengths starts from.
     pub starts: usize,
     /// Hyperparameters to start from, too, one a component; without any other start they are taken as they are.
@@ -73,6 +75,7 @@ impl Default for Options {
             mean: None,
             kernel: Kernel::default(),
             short_length: SHORT_LENGTH,
+            may_be_scatter: false,
             starts: 4,
             known: Vec::new(),
             seed: 0,
@@ -114,6 +117,7 @@ impl Options {
             mean: self.mean.unwrap_or(default_mean),
             starts: self.starts,
             short_length: self.short_length,
+            may_be_scatter: self.may_be_scatter,
         };
         let points = Points::new(rows, search.mean)?.with_kernel(self.kernel);
         let stage = stage("training the emulator", scores.ncols());

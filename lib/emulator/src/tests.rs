@@ -208,7 +208,8 @@ fn an_input_that_does_nothing_gets_a_long_length() {
     let y: Vec<f64> =
         rows.iter().map(|x| (6.0 * x[0]).sin() + (4.0 * x[1]).cos() + 0.1 * normal(&mut generator)).collect();
     let points = Points::new(&rows, Mean::Constant).unwrap();
-    let search = Search { mean: Mean::Constant, starts: 4, short_length: SHORT_LENGTH };
+    let search =
+        Search { mean: Mean::Constant, starts: 4, short_length: SHORT_LENGTH, may_be_scatter: false };
     let gp = train(&rows, &points, &y, search, None, &mut generator).unwrap();
     let hyper = gp.hyperparameters();
     assert!(hyper.lengths[..2].iter().all(|&length| length < 2.0), "{hyper:?}");

@@ -24,6 +24,12 @@ const FIRST_POINTS: usize = 100;
 /// Points that are enough to know the lengths and the nugget.
 const MOST_POINTS: usize = 400;
 
+/// ln of how many times likelier than scatter alone a curve must be that 100 points have suggested.
+const CURVE: f64 = 3.0;
+
+/// A length below this bends the curve, and has been fitted to the readings: each costs a factor e (Akaike 1974).
+const BENT: f64 = 3.0;
+
 /// How to search.
 #[derive(Clone, Copy, Debug)]
 pub struct Search {
@@ -33,12 +39,16 @@ pub struct Search {
     pub starts: usize,
     /// Lengths shorter than this are believed only with good reason.
     pub short_length: f64,
+    /// Whether scatter alone is weighed against a curve that few of the points have suggested.
+    pub may_be_scatter: bool,
 }
 
 /// Train a Gaussian process: the highest marginal likelihood, times a prior against short lengths.
 ///
 /// The search starts from several places on up to 100 of the points, goes on from the best outcome on
-/// up to 400, and all of them are conditioned on.
+/// up to 400, and all of them are conditioned on. What is found on few points may be their scatter: on
+/// more, where that is asked for, a curve has to be 20 times as likely as nothing but scatter about the
+/// mean function, and e times that for each length that bends it.
 ///
 /// * `rows` — inputs, shape (points, inputs).
 /// * `points` — the same, with their mean function.
@@ -87,34 +97,40 @@ pub fn train(
         let some = Points::new(&some_rows, search.mean)?.with_kernel(points.kernel);
         Ok((some, order[..count].iter().map(|&i| y[i]).collect()))
     };
-    if points.len() > FIRST_POINTS {
-        let (some, y) = some(FIRST_POINTS)?;
-        starts = vec![best((&some, &y), &starts, &bounds, coarse, search)?];
+    if points.len() <= FIRST_POINTS {
+        let (theta, _) = best((points, y), &starts, &bounds, fine, search)?;
+        return Gp::new(points, y, &hyperparameters(&theta));
     }
-    let theta = if points.len() > MOST_POINTS {
-        let (some, y) = some(MOST_POINTS)?;
-        best((&some, &y), &starts, &bounds, fine, search)?
-    } else {
-        best((points, y), &starts, &bounds, fine, search)?
-    };
+    let (few, readings) = some(FIRST_POINTS)?;
+    let (start, _) = best((&few, &readings), &starts, &bounds, coarse, search)?;
+    let fewer = (points.len() > MOST_POINTS).then(|| some(MOST_POINTS)).transpose()?;
+    let many = fewer.as_ref().map_or((points, y), |(points, y)| (points, y.as_slice()));
+    let (theta, value) = best(many, &[start], &bounds, fine, search)?;
+    let scatter: Vec<f64> = bounds.iter().map(|(_, highest)| *highest).collect();
+    let bent = theta[..d].iter().filter(|length| length.exp() < BENT).count() as f64;
+    let is_scatter = search.may_be_scatter
+        && objective(many.0, many.1, &scatter, search.short_length)
+            .is_some_and(|(of_scatter, _)| of_scatter < value + CURVE + bent);
+    if is_scatter {
+        return Gp::scatter(points, y, &hyperparameters(&scatter));
+    }
     Gp::new(points, y, &hyperparameters(&theta))
 }
 
-/// The best outcome of a search from each start.
+/// The best outcome of a search from each start, and the objective there.
 fn best(
     (points, y): (&Points, &[f64]),
     starts: &[Vec<f64>],
     bounds: &[(f64, f64)],
     stop: Stop,
     search: Search,
-) -> Result<Vec<f64>> {
+) -> Result<(Vec<f64>, f64)> {
     starts
         .iter()
         .filter_map(|start| {
             minimise(|theta| objective(points, y, theta, search.short_length), start, bounds, stop)
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(theta, _)| theta)
         .context("no correlation lengths give a covariance with a Cholesky factor")
 }
 
@@ -135,4 +151,43 @@ fn objective(points: &Points, y: &[f64], theta: &[f64], short: f64) -> Option<(f
         *g -= short / length;
     }
     value.is_finite().then_some((value, gradient))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    /// Trained on readings at 150 points of 12 inputs, from a curve and a scatter of variance 1.
+    fn trained(seed: u64, curve: impl Fn(&[f64]) -> f64) -> Gp {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut row = || -> Vec<f64> { (0..24).map(|_| random.random_range(0.0..1.0)).collect() };
+        let rows: Vec<Vec<f64>> = (0..150).map(|_| row()).collect();
+        // The sum of twelve numbers between 0 and 1 has variance 1.
+        let y: Vec<f64> = rows.iter().map(|x| curve(x) + x[12..].iter().sum::<f64>()).collect();
+        let rows: Vec<Vec<f64>> = rows.iter().map(|x| x[..12].to_vec()).collect();
+        let points = Points::new(&rows, Mean::Linear).unwrap();
+        let search =
+            Search { mean: Mean::Linear, starts: 4, short_length: SHORT_LENGTH, may_be_scatter: true };
+        train(&rows, &points, &y, search, None, &mut random).unwrap()
+    }
+
+    #[test]
+    fn scatter_is_not_taken_for_a_curve() {
+        for seed in 0..6 {
+            let nugget = trained(seed, |_| 0.0).nugget();
+            assert!((0.75..1.35).contains(&nugget), "{seed}: {nugget}");
+        }
+    }
+
+    #[test]
+    fn a_curve_under_scatter_is_found() {
+        let gp = trained(1, |x| 8.0 * (5.0 * x[0]).sin());
+        let at = |x: f64| gp.mean(&[&[x][..], &[0.5; 11]].concat());
+        for x in [0.1_f64, 0.3, 0.6, 0.9] {
+            let expected = 8.0 * ((5.0 * x).sin() - 2.5_f64.sin());
+            assert!((at(x) - at(0.5) - expected).abs() < 1.5, "{x}: {} {expected}", at(x) - at(0.5));
+        }
+    }
 }

@@ -165,6 +165,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             cause: cause(&diagnosis.first().name),
             probability: diagnosis.stated(),
             ignorance: diagnosis.least_known(),
+            is_untried: !diagnosis.untried.is_empty(),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))
@@ -184,7 +185,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
                 (wider, values)
             }
             None if !how.in_rounds
-                || pointed == POINTED
+                || pointed >= POINTED && !now.asks_for_further(pointed)
                 || before.as_ref().is_some_and(|before| now.is_settled_since(before)) =>
             {
                 return Ok(found);

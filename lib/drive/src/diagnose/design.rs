@@ -4,7 +4,8 @@
 //! out leans on the box, it is made wider on that side and further runs are made, twice within the prior and twice beyond it
 //! at the most: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
-//! first of them that says what the one before did is the last.
+//! first of them that says what the one before did is the last. Where `design_num` is absent, a design that would end with effects
+//! of which too little is known goes on.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -54,13 +55,20 @@ impl Diagnosis<'_> {
                 left = left.saturating_sub(round.len()?);
             }
             let now = round.standing()?;
-            let is_all = pointed >= POINTED && left == 0;
+            let goes_on = self.case.design_num.is_none() && now.asks_for_further(pointed);
+            let is_all = pointed >= POINTED && left == 0 && !goes_on;
             is_wider = self.widen(&round.folder, number, &mut widened)?;
             if is_wider {
                 before = None;
             } else if is_all || before.is_some_and(|before| now.is_settled_since(&before)) {
                 return self.conclude(&round.folder);
             } else {
+                if pointed >= POINTED && left == 0 {
+                    gl_cli::note(
+                        "gl-diagnose",
+                        "too little is known of some effects to rule them out: further runs are made there",
+                    );
+                }
                 self.point(&round.folder, number + 1)?;
                 pointed += 1;
                 before = Some(now);

@@ -92,7 +92,9 @@ pub fn emulate(
     noise: Option<&Vec<Vec<f64>>>,
     seed: u64,
 ) -> Result<Emulator> {
-    let options = Options { noise: noise.cloned(), max_components: COMPONENTS, seed, ..Options::default() };
+    let noise = noise.cloned();
+    let options =
+        Options { noise, max_components: COMPONENTS, may_be_scatter: true, seed, ..Options::default() };
     Emulator::fit(prior, samples, ensemble, &options)
 }
 

@@ -3,7 +3,10 @@
 use std::ops::Range;
 
 use anyhow::{Context, Result};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
+use pulp::{Arch, Simd, with_simd};
+
+use gl_emulator::cholesky::{Cholesky, Square};
 
 /// The noise of one observable: how many times its unit, and the correlation from one step to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,8 +29,9 @@ pub struct Patterns {
     reciprocal: DVector<f64>,
     /// U in units, shape (readings, patterns).
     patterns: DMatrix<f64>,
-    /// Lower factor of the correlation of the first patterns; the others are independent.
-    correlation: DMatrix<f64>,
+    /// Inverse of the correlation of the first patterns, and ln of its determinant; the others are independent.
+    independence: DMatrix<f64>,
+    ln_correlation: f64,
     grams: Vec<Gram>,
     /// Readings of each observable.
     blocks: Vec<Range<usize>>,
@@ -54,8 +58,8 @@ pub struct Filled<'a> {
     levels: Vec<Level>,
     /// diag(c)^½, shape (patterns,).
     roots: DVector<f64>,
-    /// Factor of I + rootᵀ Uᵀ N⁻¹ U root, root = diag(c)^½ times the factor of R.
-    factor: Cholesky<f64, Dyn>,
+    /// Factor of R⁻¹ + diag(c)^½ Uᵀ N⁻¹ U diag(c)^½.
+    factor: Cholesky,
 }
 
 impl Patterns {
@@ -94,8 +98,12 @@ impl Patterns {
         };
         let grams = blocks.iter().map(gram).collect();
         let ln_units = units.iter().map(|unit| 2.0 * unit.ln()).sum();
-        let correlation = correlation.clone();
-        Self { reciprocal, patterns, correlation, grams, blocks: blocks.to_vec(), ln_units }
+        let identity = DMatrix::identity(correlation.nrows(), correlation.nrows());
+        let whitened = correlation.solve_lower_triangular(&identity).unwrap_or(identity);
+        let ln_correlation = correlation.diagonal().iter().map(|value| 2.0 * value.ln()).sum();
+        let independence = whitened.tr_mul(&whitened);
+        let blocks = blocks.to_vec();
+        Self { reciprocal, patterns, independence, ln_correlation, grams, blocks, ln_units }
     }
 
     /// Fill in the level of each observable, shape (observables,), and the variance of each pattern, shape
@@ -104,44 +112,45 @@ impl Patterns {
     /// # Errors
     /// If they are not finite.
     pub fn fill(&self, levels: &[Level], variances: &[f64]) -> Result<Filled<'_>> {
-        let count = variances.len();
-        let roots = DVector::from_iterator(count, variances.iter().map(|variance| variance.sqrt()));
-        let mut inner = DMatrix::zeros(count, count);
-        for (gram, level) in self.grams.iter().zip(levels) {
-            let (diagonal, ends, next) = level.tridiagonal();
-            for (own, column) in gram.stretches.iter().cloned().flatten().enumerate() {
-                let sums = &mut inner.as_mut_slice()[column * count..(column + 1) * count];
-                let mut from = own * gram.all.nrows();
-                for stretch in &gram.stretches {
-                    let until = from + stretch.len();
-                    let [all, next_to, at_ends] =
-                        [&gram.all, &gram.neighbours, &gram.ends].map(|of| &of.as_slice()[from..until]);
-                    let products = all.iter().zip(next_to).zip(at_ends);
-                    for (sum, ((all, next_to), at_ends)) in sums[stretch.clone()].iter_mut().zip(products) {
-                        *sum += diagonal * all + next * next_to;
-                        *sum += ends * at_ends;
-                    }
-                    from = until;
-                }
-            }
-        }
-        for (j, mut column) in inner.column_iter_mut().enumerate() {
-            column.component_mul_assign(&roots);
-            column *= roots[j];
-        }
-        let correlated = self.correlation.nrows();
-        if correlated > 0 {
-            let right = inner.columns(0, correlated) * &self.correlation;
-            inner.columns_mut(0, correlated).copy_from(&right);
-            let below = self.correlation.tr_mul(&inner.rows(0, correlated));
-            inner.rows_mut(0, correlated).copy_from(&below);
-        }
-        for i in 0..count {
-            inner[(i, i)] += 1.0;
-        }
-        let factor = Cholesky::new(inner).context("the covariance of the readings is not finite")?;
+        let roots = DVector::from_iterator(variances.len(), variances.iter().map(|variance| variance.sqrt()));
+        let inner = inner(self, levels, roots.as_slice());
+        let factor = Cholesky::new(&inner).context("the covariance of the readings is not finite")?;
         Ok(Filled { of: self, levels: levels.to_vec(), roots, factor })
     }
+}
+
+/// The lower half of R⁻¹ + diag(c)^½ Uᵀ N⁻¹ U diag(c)^½, at the width of the machine's vectors.
+#[with_simd(inner = Arch::new())]
+#[inline(always)]
+fn inner_wide<S: Simd>(_width: S, of: &Patterns, levels: &[Level], roots: &[f64]) -> Square {
+    let mut inner = Square::zeros(roots.len());
+    for (gram, level) in of.grams.iter().zip(levels) {
+        let (diagonal, ends, next) = level.tridiagonal();
+        // The products are symmetric: their columns are read as rows, up to the diagonal.
+        for (own, place) in gram.stretches.iter().cloned().flatten().enumerate() {
+            let sums = &mut inner.row_mut(place)[..=place];
+            let row = own * gram.all.nrows()..own * gram.all.nrows() + own + 1;
+            let [mut all, mut next_to, mut at_ends] =
+                [&gram.all, &gram.neighbours, &gram.ends].map(|products| &products.as_slice()[row.clone()]);
+            for stretch in gram.stretches.iter().take_while(|stretch| stretch.start <= place) {
+                let sums = &mut sums[stretch.start..stretch.end.min(place + 1)];
+                let here = sums.len();
+                for (((sum, all), next_to), at_ends) in sums.iter_mut().zip(all).zip(next_to).zip(at_ends) {
+                    *sum += diagonal * all + next * next_to + ends * at_ends;
+                }
+                [all, next_to, at_ends] = [&all[here..], &next_to[here..], &at_ends[here..]];
+            }
+        }
+    }
+    for (i, root) in roots.iter().enumerate() {
+        let row = &mut inner.row_mut(i)[..=i];
+        row.iter_mut().zip(roots).for_each(|(value, other)| *value *= root * other);
+        match of.independence.as_slice().chunks(of.independence.nrows().max(1)).nth(i) {
+            Some(own) => row.iter_mut().zip(own).for_each(|(value, own)| *value += own),
+            None => row[i] += 1.0,
+        }
+    }
+    inner
 }
 
 impl Level {
@@ -180,41 +189,25 @@ impl Filled<'_> {
         y
     }
 
-    /// rootᵀ x, shape (patterns,).
-    fn root_transposed(&self, mut x: DVector<f64>) -> DVector<f64> {
-        x.component_mul_assign(&self.roots);
-        let correlated = self.of.correlation.nrows();
-        if correlated > 0 {
-            let turned = self.of.correlation.tr_mul(&x.rows(0, correlated));
-            x.rows_mut(0, correlated).copy_from(&turned);
-        }
-        x
-    }
-
-    /// root x, shape (patterns,).
-    fn root(&self, mut x: DVector<f64>) -> DVector<f64> {
-        let correlated = self.of.correlation.nrows();
-        if correlated > 0 {
-            let turned = &self.of.correlation * x.rows(0, correlated);
-            x.rows_mut(0, correlated).copy_from(&turned);
-        }
-        x.component_mul_assign(&self.roots);
-        x
+    /// diag(c)^½ Uᵀ x, shape (patterns,).
+    fn projected(&self, x: &DVector<f64>) -> DVector<f64> {
+        self.of.patterns.tr_mul(x).component_mul(&self.roots)
     }
 
     /// ln N(residual; 0, Σ), the residual of shape (readings,). Woodbury and the determinant lemma.
     pub fn ln_density(&self, residual: &[f64]) -> f64 {
         let unit = DVector::from_column_slice(residual).component_mul(&self.of.reciprocal);
         let precise = self.precise(unit.as_slice());
-        let mut projected = self.root_transposed(self.of.patterns.tr_mul(&precise));
-        self.factor.l_dirty().solve_lower_triangular_mut(&mut projected);
+        let mut projected = self.projected(&precise);
+        self.factor.solve_lower(projected.as_mut_slice());
         let of_level = |(level, block): (&Level, &Range<usize>)| {
             let steps = block.len() as f64;
             steps * level.variance.ln() + (steps - 1.0) * (1.0 - level.phi * level.phi).ln()
         };
         let ln_det = self.of.ln_units
             + self.levels.iter().zip(&self.of.blocks).map(of_level).sum::<f64>()
-            + 2.0 * self.factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
+            + self.of.ln_correlation
+            + self.factor.ln_determinant();
         let n = residual.len() as f64;
         -0.5 * (unit.dot(&precise) - projected.norm_squared() + ln_det + n * std::f64::consts::TAU.ln())
     }
@@ -225,8 +218,9 @@ impl Filled<'_> {
         for mut column in solved.column_iter_mut() {
             column.component_mul_assign(&self.of.reciprocal);
             let precise = self.precise(column.as_slice());
-            let projected = self.root_transposed(self.of.patterns.tr_mul(&precise));
-            let back = &self.of.patterns * self.root(self.factor.solve(&projected));
+            let mut projected = self.projected(&precise);
+            self.factor.solve(projected.as_mut_slice());
+            let back = &self.of.patterns * projected.component_mul(&self.roots);
             column.copy_from(&(precise - self.precise(back.as_slice())));
             column.component_mul_assign(&self.of.reciprocal);
         }
@@ -236,7 +230,7 @@ impl Filled<'_> {
     /// The diagonal of Σ⁻¹, shape (readings,).
     pub fn precisions(&self) -> Vec<f64> {
         let readings = self.of.reciprocal.len();
-        // Rows of N⁻¹ U root L⁻ᵀ: what is taken off the noise's precision is the squares of them.
+        // Rows of N⁻¹ U diag(c)^½ L⁻ᵀ: what is taken off the noise's precision is the squares of them.
         let mut columns = DMatrix::zeros(self.roots.len(), readings);
         let mut weighted = self.of.patterns.clone();
         for mut column in weighted.column_iter_mut() {
@@ -244,9 +238,8 @@ impl Filled<'_> {
             column.copy_from(&precise);
         }
         for (i, mut column) in columns.column_iter_mut().enumerate() {
-            let mut projected = self.root_transposed(weighted.row(i).transpose());
-            self.factor.l_dirty().solve_lower_triangular_mut(&mut projected);
-            column.copy_from(&projected);
+            column.copy_from(&weighted.row(i).transpose().component_mul(&self.roots));
+            self.factor.solve_lower(column.as_mut_slice());
         }
         let of_block = |(level, block): (&Level, &Range<usize>)| {
             let (diagonal, ends, _) = level.tridiagonal();
@@ -286,7 +279,7 @@ mod tests {
         });
         let whole = noise + &patterns * DMatrix::from_row_slice(3, 3, &within) * patterns.transpose();
         let r = DVector::from_row_slice(&residual);
-        let factor = Cholesky::new(whole).unwrap();
+        let factor = nalgebra::Cholesky::new(whole).unwrap();
         let expected =
             -0.5 * (r.dot(&factor.solve(&r)) + factor.determinant().ln() + 6.0 * std::f64::consts::TAU.ln());
         let covariance = Patterns::new(&units, &[0..4, 4..6], &patterns, &correlation);

@@ -20,6 +20,10 @@ pub struct Rounds {
 /// Rounds that are made where the hypotheses put the parameters.
 pub const POINTED: usize = 3;
 
+/// Rounds that follow where effects are left of which the emulator knows too little, and the case does not say how many runs
+/// the design may have.
+pub const FURTHER: usize = 2;
+
 /// The box is made wider so often at the most: within the prior, and beyond it.
 pub const WIDEST: usize = 2;
 
@@ -39,7 +43,12 @@ impl Rounds {
         2 * WIDEST * self.wider()
     }
 
-    /// Runs of a pointed round, from 0: a tenth, twice as many, and what is left.
+    /// Runs of all further rounds, at the most.
+    pub fn most_further(self) -> usize {
+        FURTHER * self.pointed(POINTED)
+    }
+
+    /// Runs of a pointed round, from 0: a tenth, twice as many, and what is left; as many as that in further ones.
     pub fn pointed(self, number: usize) -> usize {
         let tenth = self.all.div_ceil(10);
         match number {
@@ -59,6 +68,8 @@ pub struct Standing {
     pub probability: f64,
     /// See [`Diagnosis::least_known`](crate::attribute::diagnosis::Diagnosis::least_known).
     pub ignorance: f64,
+    /// Whether effects are left of which the emulator knows too little to rule them out.
+    pub is_untried: bool,
 }
 
 /// From this probability on a cause stands out.
@@ -72,10 +83,19 @@ impl Standing {
     pub fn of_tables(attribution: &Table, verdict: &Table) -> Result<Self> {
         let (cause, probability) = most_probable(attribution)?;
         let (code, value) = (verdict.format().column("code")?, verdict.format().column("value")?);
-        let is_said = |row: &usize| matches!(verdict.field(*row, code), "emulator" | "untried");
-        let said = (0..verdict.len()).filter(is_said);
-        let ignorance = said.filter_map(|row| verdict.field(row, value).parse().ok()).fold(0.0, f64::max);
-        Ok(Self { cause, probability, ignorance })
+        let said = |wanted: &'static str| {
+            let rows = (0..verdict.len()).filter(move |row| verdict.field(*row, code) == wanted);
+            rows.filter_map(|row| verdict.field(row, value).parse().ok()).reduce(f64::max)
+        };
+        let (emulator, untried) = (said("emulator"), said("untried"));
+        let ignorance = emulator.into_iter().chain(untried).fold(0.0, f64::max);
+        Ok(Self { cause, probability, ignorance, is_untried: untried.is_some() })
+    }
+
+    /// Whether further runs are to be made after so many pointed rounds, where all runs are made that a design has by
+    /// itself.
+    pub fn asks_for_further(&self, pointed: usize) -> bool {
+        self.is_untried && pointed < POINTED + FURTHER
     }
 
     /// Whether further runs are unlikely to change what is said: it is what the round before said, and stands out in
@@ -90,6 +110,8 @@ impl Standing {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
     use super::*;
 
     #[test]
@@ -98,13 +120,33 @@ mod tests {
             let rounds = Rounds { all };
             let pointed: usize = (0..POINTED).map(|number| rounds.pointed(number)).sum();
             assert_eq!(rounds.first() + pointed, all);
+            assert_eq!(rounds.most_further(), 2 * rounds.pointed(POINTED - 1));
         }
     }
 
     #[test]
+    fn what_is_untried_asks_for_further_rounds_that_are_in_the_tables() {
+        let table = |text: &str| Table::parse("table", text.as_bytes().to_vec()).unwrap();
+        let attribution = table("hypothesis\tprobability\nunexplained\t0.97\n");
+        let of = |rows: &str| {
+            Standing::of_tables(&attribution, &table(&format!("code\tvalue\ttext\n{rows}"))).unwrap()
+        };
+        let known = of("emulator\t0.7\tuncertain\n");
+        let unknown = of("emulator\t0.7\tuncertain\nuntried\t1.6\ttoo little\n");
+        assert_eq!([known.ignorance, unknown.ignorance], [0.7, 1.6]);
+        assert!(!known.asks_for_further(POINTED));
+        let asked: Vec<usize> = (POINTED..9).filter(|pointed| unknown.asks_for_further(*pointed)).collect();
+        assert_eq!(asked, [POINTED, POINTED + 1]);
+    }
+
+    #[test]
     fn a_round_settles_what_the_one_before_said_as_well() {
-        let of =
-            |cause: &str, probability, ignorance| Standing { cause: cause.into(), probability, ignorance };
+        let of = |cause: &str, probability, ignorance| Standing {
+            cause: cause.into(),
+            probability,
+            ignorance,
+            is_untried: false,
+        };
         let now = of("adhesion", 0.97, 0.6);
         assert!(now.is_settled_since(&of("adhesion", 0.96, 3.0)));
         assert!(!now.is_settled_since(&of("damping", 0.96, 0.6)));
