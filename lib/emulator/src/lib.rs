@@ -23,7 +23,7 @@ pub mod table;
 mod tests;
 mod train;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -428,16 +428,8 @@ fn coordinates_of_runs(
     ensemble: &Ensemble,
     order: &[usize],
 ) -> Result<Vec<Vec<f64>>> {
-    let values = samples.columns(&prior.names())?;
-    let places = samples.index();
-    let coordinates = |&run: &usize| {
-        let name = ensemble.samples[run].as_str();
-        let place = places
-            .get(name)
-            .with_context(|| format!("{}: sample {name} is not in {}", ensemble.source, samples.source))?;
-        Ok(coordinates_of(prior, &values[*place]))
-    };
-    order.iter().map(coordinates).collect()
+    let values = samples.of_runs(&prior.names(), ensemble)?;
+    Ok(order.iter().map(|&run| coordinates_of(prior, &values[run])).collect())
 }
 
 /// Where the outputs of each observable begin, and the number of all, shape (observables + 1,); and the curves of runs in

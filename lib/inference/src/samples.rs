@@ -3,9 +3,11 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use gl_table::{Table, TableWriter};
+
+use crate::ensemble::Ensemble;
 
 /// Parameter samples: a name for each, which its run carries as `description`, and their values.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -87,6 +89,20 @@ impl Samples {
     /// Position of each sample by its name.
     pub fn index(&self) -> HashMap<&str, usize> {
         self.names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
+    }
+
+    /// The values of an ensemble's runs, shape (runs, parameters), in the order of `parameters`, which are found by name.
+    ///
+    /// # Errors
+    /// If one of them is no column here, or a run is no sample.
+    pub fn of_runs(&self, parameters: &[String], ensemble: &Ensemble) -> Result<Vec<Vec<f64>>> {
+        let (values, places) = (self.columns(parameters)?, self.index());
+        let of_run = |name: &String| {
+            let place = places.get(name.as_str());
+            let missing = || format!("{}: sample {name} is not in {}", ensemble.source, self.source);
+            Ok(values[*place.with_context(missing)?].clone())
+        };
+        ensemble.samples.iter().map(of_run).collect()
     }
 
     /// The values in the order of `parameters`, which are found by name.

@@ -328,6 +328,13 @@ fn an_effect_that_no_run_has_on_is_named_with_the_command_that_makes_the_design(
 }
 
 #[test]
+fn runs_of_other_samples_are_refused_by_name() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    case.edit("samples.txt", |text| text.replace("run_Iter0", "other_Iter0"));
+    case.refused(&NOISE, &["runs.tsv", "sample run_Iter0_Sample00 is not in samples.txt"]);
+}
+
+#[test]
 fn an_effect_without_a_value_off_is_refused() {
     let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
     case.edit("params.txt", |text| text.replace("bending 0", "bending -"));

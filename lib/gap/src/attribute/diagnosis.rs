@@ -25,7 +25,7 @@ const COMPONENTS: usize = 40;
 /// own.
 ///
 /// # Errors
-/// If there are none, an effect is on in no run, or in every one, or an observable is the same in every
+/// If there are none, a run is no sample, an effect is on in no run, or in every one, or an observable is the same in every
 /// run.
 pub fn candidates(
     prior: &Prior,
@@ -34,17 +34,14 @@ pub fn candidates(
     kinds: &[Kind],
     tests: &[Test],
 ) -> Result<Vec<Candidate>> {
-    let values = samples.columns(&prior.names())?;
-    let places = samples.index();
+    let runs = samples.of_runs(&prior.names(), ensemble)?;
     let effects = prior.effects();
     for effect in &effects {
-        let is_on = |name: &String| {
-            places.get(name.as_str()).is_some_and(|&row| {
-                let off = |&j: &usize| prior.parameters()[j].off;
-                effect.parameters.iter().any(|j| off(j).is_some_and(|off| !is_same(values[row][*j], off)))
-            })
+        let is_on = |run: &&Vec<f64>| {
+            let off = |&j: &usize| prior.parameters()[j].off;
+            effect.parameters.iter().any(|j| off(j).is_some_and(|off| !is_same(run[*j], off)))
         };
-        let on = ensemble.samples.iter().filter(|name| is_on(name)).count();
+        let on = runs.iter().filter(is_on).count();
         let design = format!(
             "make the design with `gl-sample -p params.txt -n {} --effects switch` and run it",
             25 * prior.parameters().len()
