@@ -220,8 +220,8 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// [`dot`] of the first of `a` with four others, each as long as it is there and at least as long as the first of them, to
-/// the same digits: as many vectors as eight partial sums need at this width.
+/// [`dot`] of four with as much of `a` as each is long, the first no longer than the others, to the same digits: as many
+/// vectors as eight partial sums need at this width.
 #[inline(always)]
 fn four_dots<S: Simd>(simd: S, a: &[f64], b: [&[f64]; 4]) -> [f64; 4] {
     let parts = 8 / S::F64_LANES;

@@ -55,15 +55,15 @@ impl Diagnosis<'_> {
                 left = left.saturating_sub(round.len()?);
             }
             let now = round.standing()?;
-            let goes_on = self.case.design_num.is_none() && now.asks_for_further(pointed);
-            let is_all = pointed >= POINTED && left == 0 && !goes_on;
+            let is_all = pointed >= POINTED && left == 0;
+            let goes_on = is_all && self.case.design_num.is_none() && now.asks_for_further(pointed);
             is_wider = self.widen(&round.folder, number, &mut widened)?;
             if is_wider {
                 before = None;
-            } else if is_all || before.is_some_and(|before| now.is_settled_since(&before)) {
+            } else if is_all && !goes_on || before.is_some_and(|before| now.is_settled_since(&before)) {
                 return self.conclude(&round.folder);
             } else {
-                if pointed >= POINTED && left == 0 {
+                if goes_on {
                     gl_cli::note(
                         "gl-diagnose",
                         "too little is known of some effects to rule them out: further runs are made there",

@@ -22,7 +22,7 @@ pub const POINTED: usize = 3;
 
 /// Rounds that follow where effects are left of which the emulator knows too little, and the case does not say how many runs
 /// the design may have.
-pub const FURTHER: usize = 2;
+const FURTHER: usize = 2;
 
 /// The box is made wider so often at the most: within the prior, and beyond it.
 pub const WIDEST: usize = 2;
