@@ -119,23 +119,26 @@ pub fn upper_times_transpose(upper: &Square) -> Square {
     times_transpose(upper)
 }
 
-/// L x for a lower triangle L, of which only the lower half is read, shape (n,).
-pub fn lower_times(lower: &Square, x: &[f64]) -> Vec<f64> {
-    triangle_times(lower, x)
+/// L x for a lower triangle L, of which only the lower half is read, and vectors, each of shape (n,): the triangle is
+/// fetched once for all of them.
+pub fn lower_times(lower: &Square, vectors: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    triangle_times(lower, vectors)
 }
 
 #[with_simd(triangle_times = Arch::new())]
 #[inline(always)]
-fn triangle_times_wide<S: Simd>(simd: S, lower: &Square, x: &[f64]) -> Vec<f64> {
-    let n = x.len();
-    let mut product = vec![0.0; n];
+fn triangle_times_wide<S: Simd>(simd: S, lower: &Square, vectors: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let n = lower.n();
+    let mut products = vec![vec![0.0; n]; vectors.len()];
     for i in (0..n).step_by(4) {
         let end = (i + 4).min(n);
         // Beyond the last row it stands in, and is left away.
         let rows = [0, 1, 2, 3].map(|k| (i + k).min(n - 1)).map(|row| &lower.row(row)[..=row]);
-        product[i..end].copy_from_slice(&four_dots(simd, x, rows)[..end - i]);
+        for (product, x) in products.iter_mut().zip(vectors) {
+            product[i..end].copy_from_slice(&four_dots(simd, x, rows)[..end - i]);
+        }
     }
-    product
+    products
 }
 
 #[with_simd(times_transpose = Arch::new())]

@@ -27,8 +27,6 @@ struct Factors {
     /// −2 dR/dr², lower half; empty if not asked for.
     slopes: Square,
     cholesky: Cholesky,
-    /// L⁻ᵀ.
-    upper_inverse: Square,
     /// L⁻¹ H, shape (terms, points).
     terms: Vec<Vec<f64>>,
     /// Factor of Hᵀ A⁻¹ H, if the mean has terms.
@@ -59,9 +57,8 @@ impl Factors {
             }
         }
         let information = (!terms.is_empty()).then(|| Cholesky::new(&information)).transpose()?;
-        let upper_inverse = cholesky.upper_inverse();
         let degrees = (n - terms.len()) as f64;
-        Ok(Self { scaled, slopes, cholesky, upper_inverse, terms, information, degrees })
+        Ok(Self { scaled, slopes, cholesky, terms, information, degrees })
     }
 
     /// The estimate of β, and P y = A⁻¹ (y − H β).
@@ -80,8 +77,10 @@ impl Factors {
     }
 
     /// P = A⁻¹ − A⁻¹ H (Hᵀ A⁻¹ H)⁻¹ Hᵀ A⁻¹, lower half.
-    fn projection(&self) -> Square {
-        let mut p = upper_times_transpose(&self.upper_inverse);
+    ///
+    /// * `upper_inverse` — L⁻ᵀ.
+    fn projection(&self, upper_inverse: &Square) -> Square {
+        let mut p = upper_times_transpose(upper_inverse);
         let Some(information) = &self.information else { return p };
         // Rows of E = L_G⁻¹ Hᵀ A⁻¹, so that what is taken away is Eᵀ E.
         let mut rows = self.terms.clone();
@@ -104,45 +103,63 @@ impl Factors {
     }
 }
 
-/// Natural logarithm of the restricted marginal likelihood, and its gradient by the logarithms of
-/// the lengths and, last, of the nugget ratio, at the given or the estimated variance.
+/// The restricted marginal likelihood of readings, whose gradient costs twice as much as its value.
 ///
 /// ln p = −½ ln|A| − ½ ln|Hᵀ A⁻¹ H| − ½ (n − p) ln(2π s²) − yᵀ P y / (2 s²), with
 /// P = A⁻¹ − A⁻¹ H (Hᵀ A⁻¹ H)⁻¹ Hᵀ A⁻¹ and s² = yᵀ P y / (n − p) unless it is given.
 ///
-/// * `y` — readings, shape (points,).
-///
-/// # Errors
-/// If the covariance has no Cholesky factor.
-///
 /// # Source
 /// Rasmussen & Williams (2006), Gaussian Processes for Machine Learning, §2.7 and §5.4.1.
-pub fn ln_likelihood(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<(f64, Vec<f64>)> {
-    let factors = Factors::new(points, &hyper.lengths, hyper.nugget_ratio, true)?;
-    let (_, b) = factors.residual(y);
-    let square = dot(y, &b).max(f64::MIN_POSITIVE);
-    let variance = hyper.variance.unwrap_or(square / factors.degrees);
-    let value = -0.5 * factors.cholesky.ln_determinant()
-        - 0.5 * factors.information.as_ref().map_or(0.0, Cholesky::ln_determinant)
-        - 0.5 * factors.degrees * (std::f64::consts::TAU * variance).ln()
-        - 0.5 * square / variance;
+pub struct Likelihood {
+    /// Its natural logarithm.
+    pub ln: f64,
+    factors: Factors,
+    /// P y.
+    residual: Vec<f64>,
+    variance: f64,
+    nugget_ratio: f64,
+}
 
-    let p = factors.projection();
-    let d = points.dimension();
-    let mut gradient = vec![0.0; d + 1];
-    let mut weights = vec![0.0; points.n];
-    for i in 0..points.n {
-        let (row, slopes) = (p.row(i), factors.slopes.row(i));
-        let scale = b[i] / variance;
-        gradient[d] += 0.5 * hyper.nugget_ratio * (b[i] * scale - row[i]);
-        for j in 0..i {
-            weights[j] = (b[j] * scale - row[j]) * slopes[j];
-        }
-        for (q, sum) in gradient[..d].iter_mut().enumerate() {
-            *sum += weighted_squares(&weights[..i], factors.scaled.input(q), factors.scaled.input(q)[i]);
-        }
+impl Likelihood {
+    /// At the given or the estimated variance.
+    ///
+    /// * `y` — readings, shape (points,).
+    ///
+    /// # Errors
+    /// If the covariance has no Cholesky factor.
+    pub fn new(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<Self> {
+        let factors = Factors::new(points, &hyper.lengths, hyper.nugget_ratio, true)?;
+        let (_, residual) = factors.residual(y);
+        let square = dot(y, &residual).max(f64::MIN_POSITIVE);
+        let variance = hyper.variance.unwrap_or(square / factors.degrees);
+        let ln = -0.5 * factors.cholesky.ln_determinant()
+            - 0.5 * factors.information.as_ref().map_or(0.0, Cholesky::ln_determinant)
+            - 0.5 * factors.degrees * (std::f64::consts::TAU * variance).ln()
+            - 0.5 * square / variance;
+        Ok(Self { ln, factors, residual, variance, nugget_ratio: hyper.nugget_ratio })
     }
-    Ok((value, gradient))
+
+    /// Its derivatives by the logarithms of the lengths and, last, of the nugget ratio.
+    pub fn gradient(&self) -> Vec<f64> {
+        let Self { factors, residual: b, variance, nugget_ratio, .. } = self;
+        let p = factors.projection(&factors.cholesky.upper_inverse());
+        let d = factors.scaled.dimension();
+        let mut gradient = vec![0.0; d + 1];
+        let mut weights = vec![0.0; b.len()];
+        for i in 0..b.len() {
+            let (row, slopes) = (p.row(i), factors.slopes.row(i));
+            let scale = b[i] / variance;
+            gradient[d] += 0.5 * nugget_ratio * (b[i] * scale - row[i]);
+            for j in 0..i {
+                weights[j] = (b[j] * scale - row[j]) * slopes[j];
+            }
+            for (q, sum) in gradient[..d].iter_mut().enumerate() {
+                let input = factors.scaled.input(q);
+                *sum += weighted_squares(&weights[..i], input, input[i]);
+            }
+        }
+        gradient
+    }
 }
 
 /// Σ wⱼ (xⱼ − at)².
@@ -212,7 +229,8 @@ impl Gp {
         let factors = Factors::new(points, &hyper.lengths, hyper.nugget_ratio, false)?;
         let (beta, alpha) = factors.residual(y);
         let variance = hyper.variance.unwrap_or(dot(y, &alpha) / factors.degrees).max(f64::MIN_POSITIVE);
-        let p = factors.projection();
+        let upper_inverse = factors.cholesky.upper_inverse();
+        let p = factors.projection(&upper_inverse);
         let n = points.n;
         let left_out = LeftOut {
             mean: (0..n).map(|i| y[i] - alpha[i] / p.row(i)[i]).collect(),
@@ -221,7 +239,7 @@ impl Gp {
         let mut lower_inverse = Square::zeros(n);
         for i in 0..n {
             for j in 0..=i {
-                lower_inverse.row_mut(i)[j] = factors.upper_inverse.row(j)[i];
+                lower_inverse.row_mut(i)[j] = upper_inverse.row(j)[i];
             }
         }
         let Factors { scaled, terms, information, .. } = factors;
@@ -306,8 +324,15 @@ impl Gp {
 
     /// Mean and variance of the process at a point: the emulator's ignorance, without the nugget.
     pub fn predict(&self, x: &[f64]) -> (f64, f64) {
-        let k = self.correlations(x);
-        (self.mean_from(x, &k), self.variance_from(x, &k))
+        self.predict_all(&[x.to_vec()])[0]
+    }
+
+    /// The same at several points, shape (points, inputs), which costs less than one after the other.
+    pub fn predict_all(&self, points: &[Vec<f64>]) -> Vec<(f64, f64)> {
+        let k: Vec<Vec<f64>> = points.iter().map(|x| self.correlations(x)).collect();
+        let whitened = self.whitened(&k);
+        let both = points.iter().zip(&k).zip(&whitened);
+        both.map(|((x, k), v)| (self.mean_from(x, k), self.variance_from(x, v))).collect()
     }
 
     /// Mean of the process at a point and its derivative by each input.
@@ -333,7 +358,7 @@ impl Gp {
 
     /// What the covariance of the process at a point with that at others needs.
     pub fn place(&self, x: &[f64]) -> Place {
-        let whitened = self.whitened(&self.correlations(x));
+        let whitened = self.whitened(&[self.correlations(x)]).remove(0);
         Place { at: self.scale(x), terms: self.unexplained_terms(x, &whitened), whitened }
     }
 
@@ -355,9 +380,10 @@ impl Gp {
         k
     }
 
-    /// L⁻¹ k.
-    fn whitened(&self, k: &[f64]) -> Vec<f64> {
-        self.curved.as_ref().map_or_else(Vec::new, |curved| lower_times(&curved.lower_inverse, k))
+    /// L⁻¹ k of each.
+    fn whitened(&self, k: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let scatter = || vec![Vec::new(); k.len()];
+        self.curved.as_ref().map_or_else(scatter, |curved| lower_times(&curved.lower_inverse, k))
     }
 
     fn mean_from(&self, x: &[f64], k: &[f64]) -> f64 {
@@ -365,11 +391,11 @@ impl Gp {
         dot(&self.points.terms_at(x), &self.beta) + curve
     }
 
-    fn variance_from(&self, x: &[f64], k: &[f64]) -> f64 {
-        let v = self.whitened(k);
-        let rest = self.unexplained_terms(x, &v);
+    /// Variance at a point; `v` is L⁻¹ k.
+    fn variance_from(&self, x: &[f64], v: &[f64]) -> f64 {
+        let rest = self.unexplained_terms(x, v);
         let before = if self.curved.is_some() { 1.0 } else { 0.0 };
-        self.variance * (before - dot(&v, &v) + dot(&rest, &rest)).max(0.0)
+        self.variance * (before - dot(v, v) + dot(&rest, &rest)).max(0.0)
     }
 
     /// What the readings leave open of the mean function at a point, whitened; `v` is L⁻¹ k.
@@ -430,8 +456,9 @@ mod tests {
                 nugget_ratio: noise / amplitude2,
                 variance: Some(amplitude2),
             };
-            let (value, gradient) = ln_likelihood(&points, &y, &hyper).unwrap();
-            near(value, fit["ln_marginal_likelihood"].as_f64().unwrap(), 1e-8);
+            let likelihood = Likelihood::new(&points, &y, &hyper).unwrap();
+            let gradient = likelihood.gradient();
+            near(likelihood.ln, fit["ln_marginal_likelihood"].as_f64().unwrap(), 1e-8);
             for (here, there) in gradient.iter().zip(&numbers(&fit["gradient"])[1..]) {
                 near(*here, *there, 1e-6);
             }
@@ -460,7 +487,7 @@ mod tests {
         {
             let points = Points::new(&rows, mean).unwrap().with_kernel(kernel);
             for variance in [None, Some(0.7)] {
-                let (_, gradient) = ln_likelihood(&points, &y, &hyper(variance)).unwrap();
+                let gradient = Likelihood::new(&points, &y, &hyper(variance)).unwrap().gradient();
                 for (q, derivative) in gradient.iter().enumerate() {
                     let at = |step: f64| {
                         let mut hyper = hyper(variance);
@@ -468,7 +495,7 @@ mod tests {
                             Some(length) => *length *= step.exp(),
                             None => hyper.nugget_ratio *= step.exp(),
                         }
-                        ln_likelihood(&points, &y, &hyper).unwrap().0
+                        Likelihood::new(&points, &y, &hyper).unwrap().ln
                     };
                     near(*derivative, (at(1e-5) - at(-1e-5)) / 2e-5, 1e-6);
                 }
@@ -538,6 +565,20 @@ mod tests {
     }
 
     #[test]
+    fn predictions_at_several_points_are_those_at_each() {
+        let (rows, y) = example(30);
+        let points = Points::new(&rows, Mean::Linear).unwrap();
+        let at: Vec<Vec<f64>> = (0..7).map(|i| vec![0.1 * f64::from(i), 0.4, 0.9]).collect();
+        for gp in
+            [Gp::new(&points, &y, &hyper(None)).unwrap(), Gp::scatter(&points, &y, &hyper(None)).unwrap()]
+        {
+            let each: Vec<(f64, f64)> = at.iter().map(|x| gp.predict(x)).collect();
+            assert_eq!(gp.predict_all(&at), each);
+            assert!(gp.predict_all(&[]).is_empty());
+        }
+    }
+
+    #[test]
     fn derivatives_of_the_mean_are_its_difference_quotients() {
         let (rows, y) = example(30);
         let gp = Gp::new(&Points::new(&rows, Mean::Linear).unwrap(), &y, &hyper(None)).unwrap();
@@ -568,6 +609,6 @@ mod tests {
         rows.iter_mut().for_each(|row| row[2] = 1.0 - row[0]);
         let points = Points::new(&rows, Mean::Linear).unwrap();
         assert_eq!(points.sloped, [0, 1]);
-        assert!(ln_likelihood(&points, &y, &hyper(None)).unwrap().0.is_finite());
+        assert!(Likelihood::new(&points, &y, &hyper(None)).unwrap().ln.is_finite());
     }
 }

@@ -43,6 +43,11 @@ impl ScaledPoints {
         self.inputs.iter().map(|input| input[i]).collect()
     }
 
+    /// Number of inputs.
+    pub fn dimension(&self) -> usize {
+        self.inputs.len()
+    }
+
     /// The points of one input, shape (points,).
     pub fn input(&self, q: usize) -> &[f64] {
         &self.inputs[q]

@@ -305,6 +305,16 @@ impl Emulator {
         self.processes.iter().map(|process| process.predict(&x)).unzip()
     }
 
+    /// [`Emulator::predict_scores`] at several coordinates, shape (points, parameters), which costs less than one after
+    /// the other.
+    pub fn predict_all_scores(&self, coordinates: &[Vec<f64>]) -> Vec<(Vec<f64>, Vec<f64>)> {
+        let points: Vec<Vec<f64>> =
+            coordinates.iter().map(|coordinates| self.inputs.at(coordinates)).collect();
+        let all: Vec<Vec<(f64, f64)>> =
+            self.processes.iter().map(|process| process.predict_all(&points)).collect();
+        (0..points.len()).map(|point| all.iter().map(|scores| scores[point]).unzip()).collect()
+    }
+
     /// What covariances of the scores at coordinates, shape (parameters,), with those at others need, one
     /// place a component; see [`Gp::place`].
     pub fn places(&self, coordinates: &[f64]) -> Vec<gp::Place> {

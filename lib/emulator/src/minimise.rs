@@ -12,20 +12,23 @@ pub struct Stop {
 /// Largest change of a variable in one iteration.
 const LONGEST_STEP: f64 = 2.0;
 
-/// Minimise a function of value and gradient within bounds, from `start`; it may be undefined in
-/// places. Returns the place and the value there, if the function is defined at `start`.
+/// Minimise a function within bounds, from `start`; it may be undefined in places. Returns the place and the
+/// value there, if the function is defined at `start`.
+///
+/// * `function` — gives its value and what computes its gradient, which is asked for where a step is taken.
 ///
 /// BFGS on the variables that no bound holds, with backtracking along the path bent at the bounds
 /// (Bertsekas 1982, SIAM J. Control Optim. 20:221).
-pub fn minimise(
-    mut function: impl FnMut(&[f64]) -> Option<(f64, Vec<f64>)>,
+pub fn minimise<G: FnOnce() -> Vec<f64>>(
+    mut function: impl FnMut(&[f64]) -> Option<(f64, G)>,
     start: &[f64],
     bounds: &[(f64, f64)],
     stop: Stop,
 ) -> Option<(Vec<f64>, f64)> {
     let d = start.len();
     let mut x: Vec<f64> = start.iter().zip(bounds).map(|(x, b)| x.clamp(b.0, b.1)).collect();
-    let (mut value, mut gradient) = function(&x)?;
+    let (mut value, gradient) = function(&x)?;
+    let mut gradient = gradient();
     let mut inverse_hessian = scaled_identity(d, 1.0);
     let mut is_fresh = true;
     for _ in 0..stop.iterations {
@@ -54,7 +57,7 @@ pub fn minimise(
             let trial = function(&next);
             if let Some((new_value, new_gradient)) = trial {
                 if new_value <= value + 1e-4 * slope {
-                    found = Some((next, new_value, new_gradient));
+                    found = Some((next, new_value, new_gradient()));
                     break;
                 }
                 // The minimum of the parabola through both values with the slope here.
@@ -117,9 +120,9 @@ mod tests {
 
     const STOP: Stop = Stop { iterations: 200, decrease: 1e-14 };
 
-    fn rosenbrock(x: &[f64]) -> Option<(f64, Vec<f64>)> {
-        let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
-        Some((a * a + 100.0 * b * b, vec![-2.0 * a - 400.0 * x[0] * b, 200.0 * b]))
+    fn rosenbrock(x: &[f64]) -> Option<(f64, impl FnOnce() -> Vec<f64> + use<>)> {
+        let (a, b, height) = (1.0 - x[0], x[1] - x[0] * x[0], x[0]);
+        Some((a * a + 100.0 * b * b, move || vec![-2.0 * a - 400.0 * height * b, 200.0 * b]))
     }
 
     #[test]
@@ -137,7 +140,10 @@ mod tests {
 
     #[test]
     fn places_where_the_function_is_undefined_are_stepped_back_from() {
-        let function = |x: &[f64]| (x[0] > 0.0).then(|| (x[0] - x[0].ln(), vec![1.0 - 1.0 / x[0]]));
+        let function = |x: &[f64]| {
+            let x = x[0];
+            (x > 0.0).then(|| (x - x.ln(), move || vec![1.0 - 1.0 / x]))
+        };
         let (x, _) = minimise(function, &[0.01], &[(-10.0, 10.0)], STOP).unwrap();
         assert!((x[0] - 1.0).abs() < 1e-5, "{x:?}");
     }

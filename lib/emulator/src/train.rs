@@ -5,7 +5,7 @@ use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use super::gp::{Gp, Hyperparameters, Mean, Points, ln_likelihood};
+use super::gp::{Gp, Hyperparameters, Likelihood, Mean, Points};
 use super::minimise::{Stop, minimise};
 
 /// Lengths, in units of the range of an input. At the longest an input does nothing.
@@ -110,7 +110,7 @@ pub fn train(
     let bent = theta[..d].iter().filter(|length| length.exp() < BENT).count() as f64;
     let is_scatter = search.may_be_scatter
         && objective(many.0, many.1, &scatter, search.short_length)
-            .is_some_and(|(of_scatter, _)| of_scatter < value + CURVE + bent);
+            .is_some_and(|of_scatter| of_scatter.0 < value + CURVE + bent);
     if is_scatter {
         return Gp::scatter(points, y, &hyperparameters(&scatter));
     }
@@ -141,15 +141,21 @@ fn hyperparameters(theta: &[f64]) -> Hyperparameters {
 }
 
 /// Minus the logarithm of likelihood times prior, and its gradient.
-fn objective(points: &Points, y: &[f64], theta: &[f64], short: f64) -> Option<(f64, Vec<f64>)> {
+fn objective(
+    points: &Points,
+    y: &[f64],
+    theta: &[f64],
+    short: f64,
+) -> Option<(f64, impl FnOnce() -> Vec<f64> + use<>)> {
     let hyper = hyperparameters(theta);
-    let (value, gradient) = ln_likelihood(points, y, &hyper).ok()?;
-    let mut value = -value;
-    let mut gradient: Vec<f64> = gradient.iter().map(|g| -g).collect();
-    for (g, length) in gradient.iter_mut().zip(&hyper.lengths) {
-        value += short / length;
-        *g -= short / length;
-    }
+    let likelihood = Likelihood::new(points, y, &hyper).ok()?;
+    let lengths = hyper.lengths;
+    let value = lengths.iter().fold(-likelihood.ln, |value, length| value + short / length);
+    let gradient = move || {
+        let mut gradient: Vec<f64> = likelihood.gradient().iter().map(|g| -g).collect();
+        gradient.iter_mut().zip(&lengths).for_each(|(g, length)| *g -= short / length);
+        gradient
+    };
     value.is_finite().then_some((value, gradient))
 }
 

@@ -92,7 +92,7 @@ fn run(args: &Args) -> Result<()> {
 type Group = (&'static str, fn(&Scored) -> bool);
 
 /// Groups of cases by what is behind them and how visible it is.
-const GROUPS: [Group; 10] = [
+const GROUPS: [Group; 12] = [
     ("none", |case| case.truth == "none"),
     ("one, visibility >= 1", |case| is_one(case) && case.visibility >= 1.0),
     ("one, 0.5 to 1", |case| is_one(case) && (0.5..1.0).contains(&case.visibility)),
@@ -101,6 +101,12 @@ const GROUPS: [Group; 10] = [
     ("two, both 0.5 to 1", |case| case.truth.contains('+') && (0.5..1.0).contains(&case.least)),
     ("two, one below 0.5", |case| case.truth.contains('+') && case.least < 0.5),
     ("no candidate, >= 2", |case| case.withheld && case.visibility >= 2.0),
+    ("no candidate, >= 2, beside any other >= 1", |case| {
+        case.withheld && case.visibility >= 2.0 && case.imitated >= 1.0
+    }),
+    ("no candidate, >= 2, imitated by another", |case| {
+        case.withheld && case.visibility >= 2.0 && case.imitated < 1.0
+    }),
     ("no candidate, 1 to 2", |case| case.withheld && (1.0..2.0).contains(&case.visibility)),
     ("no candidate, below 1", |case| case.withheld && case.visibility < 1.0),
 ];

@@ -120,6 +120,8 @@ struct Case {
     visibility: f64,
     /// The least that the base and all other effects but one cannot absorb, in noise and scatter.
     least: f64,
+    /// What the base and any one candidate cannot absorb of an effect that is none, in noise and scatter.
+    imitated: f64,
     /// What recalibrating the world with its true effects closes.
     shrink: f64,
     values: Vec<f64>,
@@ -138,8 +140,19 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         .into_par_iter()
         .map(|i| draw_seen(bench, condition, seed, i as u64))
         .collect::<Result<_>>()?;
-    let columns =
-        ["case", "family", "effects", "withheld", "visibility", "least", "shrink", "noise", "values", "rest"];
+    let columns = [
+        "case",
+        "family",
+        "effects",
+        "withheld",
+        "visibility",
+        "least",
+        "imitated",
+        "shrink",
+        "noise",
+        "values",
+        "rest",
+    ];
     let mut answers = TableWriter::create(Some(&sealed.join("answers.tsv")), &columns)?;
     // What is no candidate is missing from the user's table of parameters, and that is all one sees.
     let columns = ["case", "without", "scatter", "measurement"];
@@ -150,7 +163,7 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
         let effects = if case.effects.is_empty() { "none".to_owned() } else { case.effects.join("+") };
         let withheld = case.withheld.as_deref().unwrap_or("-");
         answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);
-        answers.numbers(&[case.visibility, case.least, case.shrink, case.noise[0]]);
+        answers.numbers(&[case.visibility, case.least, case.imitated, case.shrink, case.noise[0]]);
         let rest = match condition {
             Condition::Remainder(_) => "yes",
             Condition::Outside => "outside",
@@ -260,6 +273,7 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
     let seen = visibility(&chosen)?;
     let least = chosen.iter().map(|&e| visibility(&[e])).collect::<Result<Vec<_>>>()?;
+    let imitated = if kept.is_withheld { world.imitated(&truth, &spread)? } else { f64::INFINITY };
     let names = world.effects.iter().map(|effect| effect.name.clone());
     Ok(Case {
         family,
@@ -268,6 +282,7 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
         withheld: kept.is_withheld.then(|| world.effects[0].name.clone()),
         visibility: seen,
         least: least.into_iter().fold(f64::INFINITY, f64::min).min(1e9),
+        imitated: imitated.min(1e9),
         shrink: if gap_before > 0.0 { 1.0 - gap_after / gap_before } else { 0.0 },
         values: world.values,
         noisy,
@@ -355,6 +370,21 @@ impl<'a> Truth<'a> {
     fn fit(&self, left_out: &[usize], target: &[Vec<f64>], noise: &[f64]) -> Result<Fit> {
         let (start, free) = self.without(left_out);
         fit(self.bench, &self.parameters, (&start, &free), target, noise)
+    }
+
+    /// The least root mean square that the base parameters and one effect which is not in it leave of a target, in a noise
+    /// of each observable.
+    fn imitated(&self, target: &[Vec<f64>], noise: &[f64]) -> Result<f64> {
+        let all: Vec<usize> = (0..self.effects.len()).collect();
+        let (off, base) = self.without(&all);
+        let others = self.bench.effects().into_iter().filter(|other| !self.effects.contains(other));
+        let left = others.map(|other| {
+            let mut start = off.clone();
+            other.parameters.iter().for_each(|&j| start[j] = self.parameters[j].quantile(0.5));
+            let free = [base.as_slice(), &other.parameters].concat();
+            Ok(fit(self.bench, &self.parameters, (&start, &free), target, noise)?.rms)
+        });
+        left.collect::<Result<Vec<_>>>().map(|left| left.into_iter().fold(f64::INFINITY, f64::min))
     }
 }
 

@@ -23,6 +23,8 @@ pub struct Scored {
     pub withheld: bool,
     /// What the base parameters cannot absorb, in noise.
     pub visibility: f64,
+    /// What the base parameters and any one candidate cannot absorb of what is no candidate, in noise.
+    pub imitated: f64,
     /// Whether there is something in it that is no effect of the world's: a remainder.
     pub has_rest: bool,
     /// Whether a base parameter lies outside the prior that was told.
@@ -119,6 +121,7 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             leans: text(&verdicts, "leans")?,
             is_widened: text(&verdicts, "widened")? == "yes",
             visibility: number(&answers, "visibility")?,
+            imitated: number(&answers, "imitated")?,
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,

@@ -47,17 +47,17 @@ impl Ignorance {
             let factor = Cholesky::new(covariance).map_or_else(|| DMatrix::identity(d, d), |c| c.unpack());
             let at = |k: usize, by: f64| -> Vec<f64> {
                 let mut w = mode.w.as_slice().to_vec();
-                if by != 0.0 {
-                    for (w, axis) in w.iter_mut().zip(factor.column(k).iter()) {
-                        *w += by * axis;
-                    }
-                }
-                model.curve(&w).variance.iter().map(|v| v.max(SMALLEST).ln()).collect()
+                w.iter_mut().zip(factor.column(k).iter()).for_each(|(w, axis)| *w += by * axis);
+                w
             };
-            let ln = at(0, 0.0);
+            let ends = (0..d).flat_map(|k| [at(k, APART), at(k, -APART)]);
+            let points: Vec<Vec<f64>> = [mode.w.as_slice().to_vec()].into_iter().chain(ends).collect();
+            let mut all = model.variances(&points);
+            all.iter_mut().flatten().for_each(|v| *v = v.max(SMALLEST).ln());
+            let ln = all.remove(0);
             let (mut slope, mut bend) = (DMatrix::zeros(ln.len(), d), DMatrix::zeros(ln.len(), d));
-            for k in 0..d {
-                let (above, below) = (at(k, APART), at(k, -APART));
+            for (k, ends) in all.chunks_exact(2).enumerate() {
+                let (above, below) = (&ends[0], &ends[1]);
                 for c in 0..ln.len() {
                     slope[(c, k)] = (above[c] - below[c]) / (2.0 * APART);
                     bend[(c, k)] = (above[c] + below[c] - 2.0 * ln[c]) / (2.0 * APART * APART);

@@ -42,15 +42,22 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
         (false, 0 | 1) => screened(model, SCREENED, random),
         (false, _) => screened(model, SCREENED_BESIDE, random),
     };
-    let modes: Vec<Mode> = starts.iter().cloned().chain(screened).map(|start| climb(model, start)).collect();
-    let mut modes = distinct(modes);
+    let mut modes = climbed(model, Vec::new(), starts.iter().cloned().chain(screened));
     let Some(best) = modes.first().cloned() else { return modes };
     let (best, is_changed) = with_outliers(model, best);
     if is_changed {
-        let others = modes.iter().skip(1).map(|mode| climb(model, mode.w.as_slice().to_vec())).collect();
-        modes = distinct([vec![best], others].concat());
+        let others = modes[1..].iter().map(|mode| mode.w.as_slice().to_vec());
+        modes = climbed(model, vec![best], others);
     }
     modes
+}
+
+/// The modes that lie apart, best first, of those that are known and those that are reached from starts.
+fn climbed(model: &Model<'_>, mut modes: Vec<Mode>, starts: impl Iterator<Item = Vec<f64>>) -> Vec<Mode> {
+    for start in starts {
+        modes.extend(climb(model, start, &modes));
+    }
+    distinct(modes)
 }
 
 /// Points of the prior that come nearest to the measurement.
@@ -76,7 +83,7 @@ fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
     for mode in modes {
         if distinct
             .iter()
-            .all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && apart(other, &mode))
+            .all(|other| other.ln_posterior - mode.ln_posterior < NEGLIGIBLE && !other.is_near(&mode.w))
         {
             distinct.push(mode);
         }
@@ -100,23 +107,18 @@ fn with_outliers(model: &mut Model<'_>, mut best: Mode) -> (Mode, bool) {
         outliers.sort_unstable();
         let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
         model.set_form(&added, &outliers);
-        let next = climb(model, best.w.as_slice().to_vec());
-        if next.ln_posterior <= best.ln_posterior {
+        let next = climb(model, best.w.as_slice().to_vec(), &[]);
+        let Some(next) = next.filter(|next| next.ln_posterior > best.ln_posterior) else {
             *model = before;
             return (best, is_changed);
-        }
+        };
         best = next;
         is_changed = true;
     }
 }
 
-/// Whether a mode lies more than two standard deviations from another.
-fn apart(one: &Mode, other: &Mode) -> bool {
-    let away = &other.w - &one.w;
-    Cholesky::new(one.covariance.clone()).is_none_or(|factor| away.dot(&factor.solve(&away)) > 4.0)
-}
-
-fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
+/// The mode that is reached from a start; none on the way to one that is known.
+fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode]) -> Option<Mode> {
     let dimensions = model.curve_parameters();
     let objective = |w: &[f64], curve: &Curve| model.ln_likelihood(w, curve) + ln_prior(w);
     let mut w = start;
@@ -165,6 +167,10 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
                 break;
             }
             value = settled;
+            let w = DVector::from_column_slice(&w);
+            if known.iter().any(|mode| mode.ln_posterior >= value && mode.is_near(&w)) {
+                return None;
+            }
         }
     }
     let mut covariance = DMatrix::identity(w.len(), w.len());
@@ -179,7 +185,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>) -> Mode {
         dimensions,
         |w| objective(w, &curve),
     ));
-    Mode { w: DVector::from_vec(w), covariance, ln_posterior: value }
+    Some(Mode { w: DVector::from_vec(w), covariance, ln_posterior: value })
 }
 
 /// Covariance of the nuisances, to second order by differences; of each for itself where all together have
@@ -213,6 +219,12 @@ fn spread_of_nuisances(w: &[f64], first: usize, objective: impl Fn(&[f64]) -> f6
 }
 
 impl Mode {
+    /// Whether parameters lie within two standard deviations of it.
+    fn is_near(&self, w: &DVector<f64>) -> bool {
+        let away = w - &self.w;
+        Cholesky::new(self.covariance.clone()).is_some_and(|factor| away.dot(&factor.solve(&away)) <= 4.0)
+    }
+
     /// ln evidence as if the posterior were normal about this mode (Laplace).
     pub fn ln_evidence(&self) -> f64 {
         let ln_det = self.covariance.determinant().max(1e-300).ln();
@@ -245,7 +257,8 @@ fn settle_nuisances(model: &Model<'_>, w: &mut [f64], curve: &Curve) {
             for direction in [step, -step] {
                 let before = w[i];
                 let mut best = before;
-                while best.abs() < 4.0 {
+                // Far from what is believed the prior ends it.
+                loop {
                     w[i] = best + direction;
                     let height = objective(w, i);
                     if height <= highest {
@@ -280,4 +293,58 @@ fn refine(w: &mut [f64], i: usize, step: f64, here: f64, objective: &impl Fn(&[f
 pub fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
     let u: f64 = random.random();
     normal_quantile(u.clamp(1e-16, 1.0 - 1e-16))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::attribute::problem::Problem;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    /// A noise that is stated a thousandth of what the readings scatter by is as improbable as can be, and is found.
+    #[test]
+    fn a_mode_is_a_maximum_however_far_the_noise_is_from_what_was_stated() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        for stated in [0.05, 1e-3, 5e-5] {
+            let noise = Some(vec![vec![stated; STEPS]]);
+            let observations = Straight::measured(1.3, 0.6, 0.0, 0.05);
+            let problem =
+                Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+            for has_rest in [false, true] {
+                let mut model = Model::new(&problem, &[], has_rest);
+                let plain = Model::new(&problem, &[], false);
+                let starts = if has_rest { vec![vec![0.0; plain.len() + 1]] } else { Vec::new() };
+                let modes = find(&mut model, &starts, &mut ChaCha8Rng::seed_from_u64(1));
+                let density = |w: &[f64]| model.ln_likelihood(w, &model.curve(w)) + ln_prior(w);
+                let best = modes[0].w.as_slice();
+                assert!((density(best) - modes[0].ln_posterior).abs() < 1e-6);
+                for i in 0..best.len() {
+                    for by in [-0.3, 0.3] {
+                        let mut moved = best.to_vec();
+                        moved[i] += by;
+                        let higher = density(&moved) - density(best);
+                        assert!(higher < 0.02, "{stated} {has_rest}: {i} by {by} gains {higher}, {best:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_climb_ends_where_a_mode_is_known() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let noise = Some(vec![vec![0.05; STEPS]]);
+        let observations = Straight::measured(1.3, 0.6, 0.0, 0.05);
+        let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, noise, 1.0).unwrap();
+        let model = Model::new(&problem, &[], false);
+        let start = vec![0.5; model.len()];
+        let mode = climb(&model, start.clone(), &[]).unwrap();
+        assert!(climb(&model, start.clone(), std::slice::from_ref(&mode)).is_none());
+        // One that is elsewhere, or lower, does not end it.
+        let elsewhere = Mode { w: mode.w.add_scalar(30.0), ..mode.clone() };
+        let lower = Mode { ln_posterior: mode.ln_posterior - 1.0, ..mode };
+        assert!(climb(&model, start, &[elsewhere, lower]).is_some());
+    }
 }

@@ -228,6 +228,13 @@ impl<'a> Model<'a> {
         Curve { mean: self.measure(self.simulated(&mean), w), variance }
     }
 
+    /// Variance of each component at several parameters, shape (points, components).
+    pub fn variances(&self, points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let points: Vec<Vec<f64>> = points.iter().map(|w| self.point(w)).collect();
+        let all = self.problem.predictor.predict_all(&points);
+        all.into_iter().map(|Prediction { variance, .. }| variance).collect()
+    }
+
     /// The predicted measurement without its variance, shape (observables · steps).
     pub fn mean(&self, w: &[f64]) -> Vec<f64> {
         self.measure(self.simulated(&self.problem.predictor.mean(&self.point(w))), w)

@@ -30,6 +30,11 @@ pub trait Predictor: Sync {
     /// simulation there, without its scatter.
     fn predict(&self, point: &[f64]) -> Prediction;
 
+    /// Components at several points.
+    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
+        points.iter().map(|point| self.predict(point)).collect()
+    }
+
     /// Components at a point, without their variance.
     fn mean(&self, point: &[f64]) -> Vec<f64> {
         self.predict(point).mean
@@ -87,6 +92,11 @@ impl Predictor for gl_emulator::Emulator {
     fn predict(&self, point: &[f64]) -> Prediction {
         let (mean, variance) = self.predict_scores(point);
         Prediction { mean, variance }
+    }
+
+    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
+        let all = self.predict_all_scores(points);
+        all.into_iter().map(|(mean, variance)| Prediction { mean, variance }).collect()
     }
 
     fn mean(&self, point: &[f64]) -> Vec<f64> {
