@@ -91,18 +91,27 @@ impl Samples {
         self.names.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect()
     }
 
+    /// Where the samples of these names stand, which come from `source`.
+    ///
+    /// # Errors
+    /// If one of them is no sample.
+    pub fn places(&self, names: &[String], source: &str) -> Result<Vec<usize>> {
+        let index = self.index();
+        let place = |name: &String| {
+            let missing = || format!("{source}: sample {name} is not in {}", self.source);
+            index.get(name.as_str()).copied().with_context(missing)
+        };
+        names.iter().map(place).collect()
+    }
+
     /// The values of an ensemble's runs, shape (runs, parameters), in the order of `parameters`, which are found by name.
     ///
     /// # Errors
     /// If one of them is no column here, or a run is no sample.
     pub fn of_runs(&self, parameters: &[String], ensemble: &Ensemble) -> Result<Vec<Vec<f64>>> {
-        let (values, places) = (self.columns(parameters)?, self.index());
-        let of_run = |name: &String| {
-            let place = places.get(name.as_str());
-            let missing = || format!("{}: sample {name} is not in {}", ensemble.source, self.source);
-            Ok(values[*place.with_context(missing)?].clone())
-        };
-        ensemble.samples.iter().map(of_run).collect()
+        let values = self.columns(parameters)?;
+        let places = self.places(&ensemble.samples, &ensemble.source)?;
+        Ok(places.into_iter().map(|place| values[place].clone()).collect())
     }
 
     /// The values in the order of `parameters`, which are found by name.

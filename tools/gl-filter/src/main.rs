@@ -123,7 +123,7 @@ fn run(args: &Args) -> Result<()> {
     ensure!(!misfits.is_empty(), "{}: no runs{all_tests} to weigh", misfits.source);
 
     check_status(args, &samples, &misfits, &incomplete)?;
-    let places = places(&samples, &misfits)?;
+    let places = samples.places(&misfits.samples, &misfits.source)?;
     let mut used = vec![false; samples.len()];
     places.iter().for_each(|&i| used[i] = true);
     if let Some(first) = used.iter().position(|used| !used).filter(|_| incomplete.is_empty()) {
@@ -235,18 +235,6 @@ fn lacks(Incomplete { test, samples }: &Incomplete, partial: Partial) -> String 
         Partial::AsOthers => "counted by the other tests, as if that one fitted as well",
     };
     format!("{named} failed in the test of {test}: {what}")
-}
-
-/// Where the sample of each run stands.
-fn places(samples: &Samples, misfits: &Misfits) -> Result<Vec<usize>> {
-    let index = samples.index();
-    let place = |name: &String| {
-        index
-            .get(name.as_str())
-            .copied()
-            .with_context(|| format!("{}: sample {name} is not in {}", misfits.source, samples.source))
-    };
-    misfits.samples.iter().map(place).collect()
 }
 
 fn proposals(args: &Args) -> Result<Vec<Option<Proposal>>> {
