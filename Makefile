@@ -83,19 +83,21 @@ diagnose: build
 ## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 40 minutes.
 ##                                  RUNS=10: runs of the design an input, SEED=…: other cases,
 ##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all,
-##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures
+##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures,
+##                                  NO_CANDIDATE=yes: of these cases those whose effect is no candidate
 CASES ?= 200
 WORLDS ?= contact triaxial
 CONDITION ?= as-stated
+NO_CANDIDATE ?=
 CONDITIONS = as-stated noise-0.5 noise-0.85 noise-2 noise-5 unstated correlated-0.5 correlated-0.9 heavy-tails outliers \
     remainder-1 remainder-2 remainder-4 other-form outside beyond idle one-observable ten-steps
 withheld: RUNS := $(or $(RUNS),25)
 withheld: SEED := $(or $(SEED),9006)
 withheld: build
 	@for condition in $(if $(filter all,$(CONDITION)),$(CONDITIONS),$(CONDITION)); do dirs=; \
-	     for world in $(WORLDS); do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED); mkdir -p $$dir; \
+	     for world in $(WORLDS); do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED)$(if $(NO_CANDIDATE),-no-candidate); mkdir -p $$dir; \
 	         echo "## $$world, $$condition"; \
-	         withheld generate $$world $$dir --num $(CASES) --seed $(SEED) --condition $$condition && \
+	         withheld generate $$world $$dir --num $(CASES) --seed $(SEED) --condition $$condition $(if $(NO_CANDIDATE),--no-candidate) && \
 	         withheld diagnose $$world $$dir --runs $(RUNS) --condition $$condition && \
 	         withheld score $$dir | tee $$dir/score.tsv || exit; dirs="$$dirs $$dir"; done; \
 	     echo "## both, $$condition"; withheld score $$dirs || exit; done

@@ -324,14 +324,15 @@ impl Gp {
 
     /// Mean and variance of the process at a point: the emulator's ignorance, without the nugget.
     pub fn predict(&self, x: &[f64]) -> (f64, f64) {
-        self.predict_all(&[x.to_vec()])[0]
+        self.predict_all(&[x])[0]
     }
 
     /// The same at several points, shape (points, inputs), which costs less than one after the other.
-    pub fn predict_all(&self, points: &[Vec<f64>]) -> Vec<(f64, f64)> {
-        let k: Vec<Vec<f64>> = points.iter().map(|x| self.correlations(x)).collect();
+    pub fn predict_all(&self, points: &[impl AsRef<[f64]>]) -> Vec<(f64, f64)> {
+        let points = points.iter().map(AsRef::as_ref);
+        let k: Vec<Vec<f64>> = points.clone().map(|x| self.correlations(x)).collect();
         let whitened = self.whitened(&k);
-        let both = points.iter().zip(&k).zip(&whitened);
+        let both = points.zip(&k).zip(&whitened);
         both.map(|((x, k), v)| (self.mean_from(x, k), self.variance_from(x, v))).collect()
     }
 
@@ -574,7 +575,7 @@ mod tests {
         {
             let each: Vec<(f64, f64)> = at.iter().map(|x| gp.predict(x)).collect();
             assert_eq!(gp.predict_all(&at), each);
-            assert!(gp.predict_all(&[]).is_empty());
+            assert!(gp.predict_all(&at[..0]).is_empty());
         }
     }
 

@@ -9,6 +9,7 @@ use gl_table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
+use pipelines::withheld::generate::Which;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
     reliability, shrink_coverage,
@@ -37,6 +38,9 @@ enum Step {
         /// What is otherwise than assumed
         #[arg(long, default_value = "as-stated")]
         condition: String,
+        /// Of so many cases those alone in which an effect is at work that is no candidate
+        #[arg(long)]
+        no_candidate: bool,
         /// Seed of the cases
         #[arg(long, default_value_t = 1)]
         seed: u64,
@@ -73,9 +77,10 @@ enum Step {
 
 fn run(args: &Args) -> Result<()> {
     match &args.step {
-        Step::Generate { world, dir, num, condition, seed } => {
+        Step::Generate { world, dir, num, condition, no_candidate, seed } => {
             let condition = Condition::named(condition)?;
-            generate::generate(&Bench::under(world, condition)?, condition, *num, *seed, dir)
+            let which = Which { count: *num, no_candidate: *no_candidate, seed: *seed };
+            generate::generate(&Bench::under(world, condition)?, condition, which, dir)
         }
         Step::Diagnose { world, dir, condition, runs, one_round, exact, seed } => {
             let how = How { runs: *runs, in_rounds: !one_round, exact: *exact, seed: *seed };

@@ -38,6 +38,17 @@ pub const KINDS: [(&str, Kind); 5] = [
     ("lag", Kind::Lag),
 ];
 
+/// Which cases are drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Which {
+    /// As many, before others are left out.
+    pub count: usize,
+    /// Only those of an effect that is no candidate.
+    pub no_candidate: bool,
+    /// Their seed.
+    pub seed: u64,
+}
+
 /// What sets a group of cases apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Family {
@@ -57,6 +68,17 @@ struct Kept {
     /// Effects of the measurement.
     measured: usize,
     is_withheld: bool,
+}
+
+impl Kept {
+    /// What is behind one case of many.
+    fn of(bench: &Bench, condition: Condition, stream: u64) -> Self {
+        match condition {
+            Condition::AsStated if bench.has_rig => kept(stream),
+            Condition::AsStated => kept(WITHOUT_RIG[stream as usize % WITHOUT_RIG.len()]),
+            _ => kept_under_a_condition(stream),
+        }
+    }
 }
 
 /// Twenty kinds in turn: 10 plain, 5 with scatter, 5 of the rig.
@@ -120,25 +142,26 @@ struct Case {
     visibility: f64,
     /// The least that the base and all other effects but one cannot absorb, in noise and scatter.
     least: f64,
-    /// What the base and any one candidate cannot absorb of an effect that is none, in noise and scatter.
+    /// What the base and any one candidate cannot absorb of an effect that is no candidate, in noise and scatter.
     imitated: f64,
     /// What recalibrating the world with its true effects closes.
     shrink: f64,
     values: Vec<f64>,
 }
 
-/// Write `count` cases of a world into `DIR/cases`, and the answers to `DIR/sealed/answers.tsv`.
+/// Write cases of a world into `DIR/cases`, and the answers to `DIR/sealed/answers.tsv`.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, dir: &Path) -> Result<()> {
+pub fn generate(bench: &Bench, condition: Condition, which: Which, dir: &Path) -> Result<()> {
     let (cases, sealed) = (dir.join("cases"), dir.join("sealed"));
     for folder in [&cases, &sealed] {
         fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
-    let drawn: Vec<Case> = (0..count)
+    let drawn: Vec<(u64, Case)> = (0..which.count as u64)
         .into_par_iter()
-        .map(|i| draw_seen(bench, condition, seed, i as u64))
+        .filter(|&stream| !which.no_candidate || Kept::of(bench, condition, stream).is_withheld)
+        .map(|stream| Ok((stream, draw_seen(bench, condition, which.seed, stream)?)))
         .collect::<Result<_>>()?;
     let columns = [
         "case",
@@ -157,8 +180,8 @@ pub fn generate(bench: &Bench, condition: Condition, count: usize, seed: u64, di
     // What is no candidate is missing from the user's table of parameters, and that is all one sees.
     let columns = ["case", "without", "scatter", "measurement"];
     let mut list = TableWriter::create(Some(&cases.join("cases.tsv")), &columns)?;
-    for (i, case) in drawn.iter().enumerate() {
-        let name = format!("case{i:04}");
+    for (stream, case) in &drawn {
+        let name = format!("case{stream:04}");
         let values: Vec<String> = case.values.iter().map(f64::to_string).collect();
         let effects = if case.effects.is_empty() { "none".to_owned() } else { case.effects.join("+") };
         let withheld = case.withheld.as_deref().unwrap_or("-");
@@ -230,11 +253,7 @@ fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Res
 fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) -> Result<Case> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(stream + 1 + 1_000_000 * time);
-    let kept = match condition {
-        Condition::AsStated if bench.has_rig => kept(stream),
-        Condition::AsStated => kept(WITHOUT_RIG[stream as usize % WITHOUT_RIG.len()]),
-        _ => kept_under_a_condition(stream),
-    };
+    let kept = Kept::of(bench, condition, stream);
     let family = kept.family;
     let world = Truth::draw(bench, condition, &kept, &mut random);
     let simulated = world.simulate(condition, &mut random)?;

@@ -1,8 +1,10 @@
 //! A fast part of the withheld check, from the generator to the scorer.
 
+use gl_table::Table;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
+use pipelines::withheld::generate::Which;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, read,
 };
@@ -14,7 +16,8 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let bench = Bench::named("contact").unwrap();
     // Each family of cases, with fewer runs than `make withheld` makes. Two minutes of a processor: the one check that a
     // change of the inference does not make the diagnosis worse. Of this seed four effects are visible, and one that is withheld.
-    generate::generate(&bench, Condition::AsStated, 10, 8, dir.path()).unwrap();
+    let which = Which { count: 10, no_candidate: false, seed: 8 };
+    generate::generate(&bench, Condition::AsStated, which, dir.path()).unwrap();
     let how = How { runs: 15, in_rounds: true, exact: false, seed: 1 };
     diagnose::diagnose(&bench, how, dir.path()).unwrap();
     let cases = read(dir.path()).unwrap();
@@ -32,6 +35,37 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     assert_eq!(unknown.of, 0, "no candidate: {cases:#?}");
     let error = calibration_error(&of_effects(&cases));
     assert!(error < 0.08, "{error}");
+}
+
+#[test]
+fn of_one_observable_an_adhesion_imitates_an_offset_and_nothing_a_plasticity() {
+    let answers = |no_candidate: bool| {
+        let dir = tempfile::tempdir().unwrap();
+        let bench = Bench::under("contact", Condition::OneObservable).unwrap();
+        let which = Which { count: 20, no_candidate, seed: 5801 };
+        generate::generate(&bench, Condition::OneObservable, which, dir.path()).unwrap();
+        Table::read(&dir.path().join("sealed/answers.tsv")).unwrap()
+    };
+    let (all, only) = (answers(false), answers(true));
+    let rows = |table: &Table| -> Vec<Vec<String>> {
+        let columns = table.format().columns().len();
+        (0..table.len()).map(|i| (0..columns).map(|c| table.field(i, c).to_owned()).collect()).collect()
+    };
+    let column = |name: &str| all.format().column(name).unwrap();
+    let is_withheld = |row: &Vec<String>| row[column("withheld")] != "-";
+    assert_eq!(rows(&only), rows(&all).into_iter().filter(is_withheld).collect::<Vec<_>>());
+    // What another candidate leaves, of what the base leaves.
+    let left = |name: &str| -> Vec<f64> {
+        let own = (0..only.len()).filter(|&i| only.field(i, column("withheld")) == name);
+        let number = |i: usize, name: &str| only.number(i, column(name)).unwrap();
+        own.map(|i| number(i, "imitated") / number(i, "visibility")).collect()
+    };
+    let (offset, plasticity) = (left("offset"), left("plasticity"));
+    assert!(!offset.is_empty() && offset.iter().all(|left| *left < 0.5), "{offset:?}");
+    assert!(
+        !plasticity.is_empty() && plasticity.iter().all(|left| (0.7..1.0).contains(left)),
+        "{plasticity:?}"
+    );
 }
 
 #[test]

@@ -62,16 +62,14 @@ pub fn self_check(
     count: usize,
     seed: u64,
 ) -> Result<Vec<Checked>> {
-    let values = design.samples.columns(&design.prior.names())?;
-    let places = design.samples.index();
+    let values = design.samples.of_runs(&design.prior.names(), design.ensemble)?;
     let truth = |run: usize| -> Vec<usize> {
-        let row = places.get(design.ensemble.samples[run].as_str()).copied().unwrap_or(0);
         let is_on = |candidate: &Candidate| match candidate {
             Candidate::Measured(_) => false,
             Candidate::Simulated(effect) => effect.parameters.iter().any(|&j| {
                 design.prior.parameters()[j]
                     .off
-                    .is_some_and(|off| (values[row][j] - off).abs() > 1e-9 * off.abs())
+                    .is_some_and(|off| (values[run][j] - off).abs() > 1e-9 * off.abs())
             }),
         };
         (0..design.candidates.len()).filter(|&i| is_on(&design.candidates[i])).collect()
