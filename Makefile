@@ -82,7 +82,8 @@ diagnose: build
 
 ## make withheld CASES=200           how often the diagnosis finds an effect that it is not told; about 40 minutes.
 ##                                  RUNS=10: runs of the design an input, SEED=…: other cases,
-##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all,
+##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all
+##                                  (as stated with SEED, the next with the seed after it, and so on),
 ##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures,
 ##                                  NO_CANDIDATE=yes: of these cases those whose effect is no candidate
 CASES ?= 200
@@ -94,13 +95,13 @@ CONDITIONS = as-stated noise-0.5 noise-0.85 noise-2 noise-5 unstated correlated-
 withheld: RUNS := $(or $(RUNS),25)
 withheld: SEED := $(or $(SEED),9006)
 withheld: build
-	@for condition in $(if $(filter all,$(CONDITION)),$(CONDITIONS),$(CONDITION)); do dirs=; \
-	     for world in $(WORLDS); do dir=out/withheld/$$world-$$condition-$(RUNS)-$(SEED)$(if $(NO_CANDIDATE),-no-candidate); mkdir -p $$dir; \
+	@seed=$(SEED); for condition in $(if $(filter all,$(CONDITION)),$(CONDITIONS),$(CONDITION)); do dirs=; \
+	     for world in $(WORLDS); do dir=out/withheld/$$world-$$condition-$(RUNS)-$$seed$(if $(NO_CANDIDATE),-no-candidate); mkdir -p $$dir; \
 	         echo "## $$world, $$condition"; \
-	         withheld generate $$world $$dir --num $(CASES) --seed $(SEED) --condition $$condition $(if $(NO_CANDIDATE),--no-candidate) && \
+	         withheld generate $$world $$dir --num $(CASES) --seed $$seed --condition $$condition $(if $(NO_CANDIDATE),--no-candidate) && \
 	         withheld diagnose $$world $$dir --runs $(RUNS) --condition $$condition && \
 	         withheld score $$dir | tee $$dir/score.tsv || exit; dirs="$$dirs $$dir"; done; \
-	     echo "## both, $$condition"; withheld score $$dirs || exit; done
+	     echo "## both, $$condition"; withheld score $$dirs || exit; seed=$$((seed + 1)); done
 
 ## make coverage REPLICATES=30       how often the intervals of a calibration hold and how many runs it takes, on problems in
 ##                                  closed form; SEED=…: other truths

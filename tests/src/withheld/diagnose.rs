@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use gl_emulator::Emulator;
+use gl_gap::attribute::attribution::Explanation;
 use gl_gap::attribute::closure::Shrink;
 use gl_gap::attribute::diagnosis;
 use gl_gap::attribute::diagnosis::{Diagnosis, emulate, shrink};
@@ -253,23 +254,26 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let looks: Vec<String> = attribution
             .explanations
             .iter()
-            .filter(|e| e.ln_weight > -6.0 || e.fits.is_some())
-            .map(|e| {
-                let found = &e.evidence;
-                format!(
-                    "{}: {:.1} ± {:.2}, closes {:.2}, fits {:.4}{}",
-                    e.name,
-                    e.ln_weight,
-                    found.error,
-                    e.closes,
-                    e.fits.unwrap_or(f64::NAN),
-                    e.ruled_out.map_or("", |why| why.word())
-                )
-            })
+            .filter(|e| e.ln_weight > -8.0 || e.fits.is_some())
+            .map(look)
             .collect();
         table.text(&effects.join(",")).text(&looks.join("; ")).number(*runs as f64).end_row()?;
     }
     table.finish()
+}
+
+/// One hypothesis in a line, for who asks why a verdict is as it is.
+fn look(of: &Explanation) -> String {
+    format!(
+        "{}: {:.2} ± {:.2}, closes {:.3}, fits {:.4}{}{}",
+        of.name,
+        of.ln_weight,
+        of.evidence.error,
+        of.closes,
+        of.fits.unwrap_or(f64::NAN),
+        of.ruled_out.map_or("", |why| why.word()),
+        if of.has_more_noise { " more-noise" } else { "" }
+    )
 }
 
 /// What is named as the cause, with a rest or without: `none`, effects, or `unexplained`.

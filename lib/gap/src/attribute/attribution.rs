@@ -86,11 +86,6 @@ impl Explanation {
         self.evidence.modes[0].w.as_slice()
     }
 
-    /// What is kept of its probability, by the share of the gap that it closes.
-    fn kept(&self) -> f64 {
-        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
-    }
-
     /// Whether it names effects as the cause.
     pub fn is_cause(&self) -> bool {
         !self.hypothesis.is_empty()
@@ -106,9 +101,6 @@ pub struct Attribution {
     pub nearest: String,
 }
 
-/// Prior odds that something further is at work which is no candidate: as likely as not.
-const REST_ODDS: f64 = 1.0;
-
 /// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
 const CLOSE: f64 = 5.0;
 
@@ -116,14 +108,11 @@ const CLOSE: f64 = 5.0;
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
 
-/// What is kept of the probability of an effect beside something else that is at work, too, a rest or more noise than was
-/// stated, by the share of the gap that the effect closes by itself; in between in proportion. What closes little is no part
+/// What is kept of the probability of effects beside something else that is at work, too, a rest or more noise than was
+/// stated, by the share of the gap that they close by themselves; in between in proportion. What closes little is no part
 /// of the cause. What closes half may be one, or may imitate something that is no candidate: it stays the likelier, but is
 /// not settled.
 const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
-
-/// The same of several effects together, which imitate more.
-const CLOSE_TOGETHER: [(f64, f64); 2] = [(0.7, 0.0), (0.95, 1.0)];
 
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
@@ -161,8 +150,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
     let found: Vec<Found<'_>> = plain.into_iter().chain(with_rest).collect();
     let ln_odds = |found: &Found<'_>| {
         let set = &sets[found.place];
-        let rest = if found.model.has_rest() { REST_ODDS.ln() } else { 0.0 };
-        if is_visible(set) { ln_prior_odds(set, count) + rest } else { f64::NEG_INFINITY }
+        if is_visible(set) { ln_prior_odds(set, found.model.has_rest(), count) } else { f64::NEG_INFINITY }
     };
     let rough: Vec<f64> = found
         .iter()
@@ -346,7 +334,7 @@ fn rule_out(explanations: &mut [Explanation]) {
         if !of.is_cause() || !(of.has_rest || of.has_more_noise) {
             continue;
         }
-        let kept = of.kept();
+        let kept = along(&CLOSES, of.closes);
         if kept == 0.0 {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
         }
@@ -357,7 +345,8 @@ fn rule_out(explanations: &mut [Explanation]) {
         let alone = same(explanations, &of.hypothesis, false).filter(fits);
         let share = alone.map_or(0.0, |alone| {
             let alone = &explanations[alone];
-            alone.kept() * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
+            along(&CLOSES, alone.closes)
+                * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
         });
         if let Some(alone) = alone {
             explanations[alone].probability += share * taken;
@@ -383,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn something_unknown_is_as_likely_beforehand_as_not() {
+    fn a_rest_beside_an_effect_is_as_likely_beforehand_as_not() {
         let explanations = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
         let of = |name: &str| explanations.iter().find(|of| of.name == name).unwrap();
         let (wave, more) = (of("wave"), of("wave+unexplained"));

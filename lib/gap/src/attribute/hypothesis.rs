@@ -57,17 +57,32 @@ pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
     hypothesis.iter().map(|&i| candidates[i].name()).collect::<Vec<_>>().join("+")
 }
 
-/// Natural logarithm of the prior odds of a hypothesis against `none`.
+/// Odds beforehand that something is at work which is no candidate, and nothing else, against `none`. What is really
+/// at work is rarely as jagged, and never as large, as all that a rest may be, so that a rest alone comes off worse than
+/// it should.
+const UNKNOWN: f64 = 3.0;
+
+/// One candidate more is in with odds of one to this many times the number of candidates: two at a time imitate what is
+/// none of them.
+const FURTHER: f64 = 4.0;
+
+/// The same, beside a rest, this many times less often: three at a time imitate nearly everything.
+const FURTHER_BESIDE_A_REST: f64 = 4.0;
+
+/// Natural logarithm of the prior odds of a hypothesis, with a rest or without, against `none`.
 ///
 /// Who asks has seen a gap: that one of the candidates is at work is twice as likely beforehand as that none
-/// is, each as likely as the others. Every further one is in with odds of one to twice the number of candidates:
-/// two at a time imitate what is none of them.
-pub fn ln_prior_odds(hypothesis: &[usize], candidates: usize) -> f64 {
-    if hypothesis.is_empty() {
-        return 0.0;
-    }
+/// is, each as likely as the others, and with a rest as likely as without.
+pub fn ln_prior_odds(hypothesis: &[usize], has_rest: bool, candidates: usize) -> f64 {
     let count = candidates.max(2) as f64;
-    std::f64::consts::LN_2 - count.ln() - (hypothesis.len() - 1) as f64 * (2.0 * count).ln()
+    match (hypothesis.len(), has_rest) {
+        (0, false) => 0.0,
+        (0, true) => UNKNOWN.ln(),
+        (effects, has_rest) => {
+            let rarer = FURTHER * if has_rest { FURTHER_BESIDE_A_REST } else { 1.0 };
+            std::f64::consts::LN_2 - count.ln() - (effects - 1) as f64 * (rarer * count).ln()
+        }
+    }
 }
 
 #[cfg(test)]
@@ -85,14 +100,16 @@ mod tests {
     #[test]
     fn one_of_the_candidates_is_twice_as_likely_as_none_and_two_less_than_one() {
         for count in [2, 5, 12] {
-            let of_size = |size: usize| {
+            let odds_of = |size: usize, has_rest: bool| {
                 let sets = hypotheses(count, 2);
-                let odds =
-                    sets.iter().filter(|set| set.len() == size).map(|set| ln_prior_odds(set, count).exp());
-                odds.sum::<f64>()
+                let own = sets.iter().filter(|set| set.len() == size);
+                own.map(|set| ln_prior_odds(set, has_rest, count).exp()).sum::<f64>()
             };
-            assert!((of_size(0) - 1.0).abs() < 1e-12 && (of_size(1) - 2.0).abs() < 1e-12);
-            assert!(of_size(2) < of_size(1), "{count}");
+            assert!((odds_of(0, false) - 1.0).abs() < 1e-12);
+            assert!([false, true].iter().all(|&has_rest| (odds_of(1, has_rest) - 2.0).abs() < 1e-12));
+            assert!(odds_of(2, false) < odds_of(1, false) / 4.0, "{count}");
+            assert!((odds_of(2, true) - odds_of(2, false) / 4.0).abs() < 1e-12, "{count}");
+            assert!((odds_of(0, true) - 3.0).abs() < 1e-12);
         }
     }
 }

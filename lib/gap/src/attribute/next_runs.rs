@@ -64,7 +64,7 @@ fn shares(
         .iter()
         .map(|of| match of.ruled_out {
             Some(RuledOut::Invisible) => f64::NEG_INFINITY,
-            _ => of.evidence.ln + ln_prior_odds(&of.hypothesis, problem.candidates.len()),
+            _ => of.evidence.ln + ln_prior_odds(&of.hypothesis, of.has_rest, problem.candidates.len()),
         })
         .collect();
     let Some(first) = (0..ln_odds.len()).max_by(|&a, &b| ln_odds[a].total_cmp(&ln_odds[b])) else {
