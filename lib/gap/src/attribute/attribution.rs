@@ -86,6 +86,11 @@ impl Explanation {
         self.evidence.modes[0].w.as_slice()
     }
 
+    /// What is kept of its probability, by the share of the gap that it closes.
+    fn kept(&self) -> f64 {
+        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
+    }
+
     /// Whether it names effects as the cause.
     pub fn is_cause(&self) -> bool {
         !self.hypothesis.is_empty()
@@ -113,6 +118,9 @@ const BEHIND: f64 = 10.0;
 /// of the cause. What closes half may be one, or may imitate something that is no candidate: it stays the likelier, but is
 /// not settled.
 const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
+
+/// The same of several effects together, which imitate more.
+const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
@@ -334,7 +342,7 @@ fn rule_out(explanations: &mut [Explanation]) {
         if !of.is_cause() || !(of.has_rest || of.has_more_noise) {
             continue;
         }
-        let kept = along(&CLOSES, of.closes);
+        let kept = of.kept();
         if kept == 0.0 {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
         }
@@ -345,8 +353,7 @@ fn rule_out(explanations: &mut [Explanation]) {
         let alone = same(explanations, &of.hypothesis, false).filter(fits);
         let share = alone.map_or(0.0, |alone| {
             let alone = &explanations[alone];
-            along(&CLOSES, alone.closes)
-                * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
+            alone.kept() * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
         });
         if let Some(alone) = alone {
             explanations[alone].probability += share * taken;
@@ -386,6 +393,15 @@ mod tests {
         let kept = [0.1, 0.15, 0.25, 0.35, 0.625, 0.9, 1.0].map(|closes| along(&CLOSES, closes));
         let expected = [0.0, 0.0, 0.3, 0.6, 0.8, 1.0, 1.0];
         assert!(kept.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
+    }
+
+    #[test]
+    fn several_effects_must_close_more_than_one() {
+        for closes in [0.0, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95] {
+            let (together, alone) = (along(&CLOSE_TOGETHER, closes), along(&CLOSES, closes));
+            assert!(together <= alone && (closes < 0.2 || together < alone), "{closes}");
+        }
+        assert_eq!(along(&CLOSE_TOGETHER, 1.0), 1.0);
     }
 
     #[test]

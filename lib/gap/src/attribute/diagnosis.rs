@@ -164,7 +164,7 @@ impl Diagnosis {
     /// Probability of the same effects with a rest and without, which is what is said of them.
     pub fn probability_of(&self, hypothesis: &[usize]) -> f64 {
         let same = self.attribution.explanations.iter().filter(|of| of.hypothesis == hypothesis);
-        same.map(|of| of.probability).sum()
+        same.map(|of| of.probability).sum::<f64>().min(1.0)
     }
 }
 
@@ -200,7 +200,10 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         .enumerate()
         .map(|(i, candidate)| {
             let has = explanations.iter().filter(|explanation| explanation.hypothesis.contains(&i));
-            (candidate.name().to_owned(), has.map(|explanation| explanation.probability).sum())
+            (
+                candidate.name().to_owned(),
+                has.map(|explanation| explanation.probability).sum::<f64>().min(1.0),
+            )
         })
         .collect();
     let leans = leans(problem, explanations)?;
