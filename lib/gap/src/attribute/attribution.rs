@@ -379,13 +379,17 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_beside_an_effect_is_as_likely_beforehand_as_not() {
+    fn a_rest_is_as_likely_beside_an_effect_as_not_and_likelier_than_nothing() {
         let explanations = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
         let of = |name: &str| explanations.iter().find(|of| of.name == name).unwrap();
         let (wave, more) = (of("wave"), of("wave+unexplained"));
         let odds = (more.evidence.ln - wave.evidence.ln).exp();
         assert_eq!(explanations[0].name, "wave");
         assert!((more.probability / wave.probability / odds - 1.0).abs() < 1e-6, "{explanations:?}");
+        // Alone it is likelier than nothing.
+        let (none, unknown) = (of("none"), of("unexplained"));
+        let ln_odds = |of: &Explanation| of.ln_weight - of.evidence.ln;
+        assert!((ln_odds(unknown) - ln_odds(none) - 3f64.ln()).abs() < 1e-9, "{explanations:?}");
     }
 
     #[test]
@@ -397,11 +401,15 @@ mod tests {
 
     #[test]
     fn several_effects_must_close_more_than_one() {
+        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01).remove(0);
+        let kept = |effects: usize, closes: f64| {
+            Explanation { hypothesis: (0..effects).collect(), closes, ..any.clone() }.kept()
+        };
         for closes in [0.0, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95] {
-            let (together, alone) = (along(&CLOSE_TOGETHER, closes), along(&CLOSES, closes));
+            let (together, alone) = (kept(2, closes), kept(1, closes));
             assert!(together <= alone && (closes < 0.2 || together < alone), "{closes}");
         }
-        assert_eq!(along(&CLOSE_TOGETHER, 1.0), 1.0);
+        assert_eq!(kept(2, 1.0), 1.0);
     }
 
     #[test]

@@ -164,8 +164,13 @@ impl Diagnosis {
     /// Probability of the same effects with a rest and without, which is what is said of them.
     pub fn probability_of(&self, hypothesis: &[usize]) -> f64 {
         let same = self.attribution.explanations.iter().filter(|of| of.hypothesis == hypothesis);
-        same.map(|of| of.probability).sum::<f64>().min(1.0)
+        together(same.map(|of| of.probability))
     }
+}
+
+/// Probability of what excludes each other: at most 1, which a sum of shares may exceed by rounding.
+fn together(probabilities: impl Iterator<Item = f64>) -> f64 {
+    probabilities.sum::<f64>().min(1.0)
 }
 
 /// Weigh every set of up to `largest` candidates against the measurement.
@@ -200,10 +205,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         .enumerate()
         .map(|(i, candidate)| {
             let has = explanations.iter().filter(|explanation| explanation.hypothesis.contains(&i));
-            (
-                candidate.name().to_owned(),
-                has.map(|explanation| explanation.probability).sum::<f64>().min(1.0),
-            )
+            (candidate.name().to_owned(), together(has.map(|explanation| explanation.probability)))
         })
         .collect();
     let leans = leans(problem, explanations)?;
@@ -255,6 +257,12 @@ mod tests {
     use gl_inference::observations::Observations;
     use gl_inference::samples::sample_names;
     use gl_table::Table;
+
+    #[test]
+    fn what_rounding_makes_more_than_certain_is_certain() {
+        assert_eq!(together([0.5, 0.25].into_iter()), 0.75);
+        assert_eq!(together([1.0 - 1e-15, 2e-14].into_iter()), 1.0);
+    }
 
     const STEPS: usize = 50;
     const NOISE: f64 = 0.01;
