@@ -14,7 +14,7 @@ use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
-use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
+use gl_gap::attribute::rounds::{Before, POINTED, Rounds, Standing, WIDEST};
 use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
@@ -151,7 +151,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
     let all = how.runs * shared.prior.parameters().len();
     let rounds = Rounds { all };
     let (mut own, mut widened, mut pointed) = (None::<Design>, 0, 0);
-    let mut before: Option<Standing> = None;
+    let mut before = Before::default();
     let diagnosed = |design: &Design| -> Result<(Verdict, Standing)> {
         let world =
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
@@ -179,7 +179,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let (prior, values) = match wider.filter(|_| how.in_rounds && widened < WIDEST) {
             Some(wider) => {
                 widened += 1;
-                before = None;
+                before.widen(now);
                 let seed = how.seed + round as u64;
                 let values =
                     design::draw(&wider, &Effects::Switch, Method::Halton, rounds.wider(), seed, true)?;
@@ -187,12 +187,12 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             }
             None if !how.in_rounds
                 || pointed >= POINTED && !now.asks_for_further(pointed)
-                || before.as_ref().is_some_and(|before| now.is_settled_since(before)) =>
+                || before.settles(&now) =>
             {
                 return Ok(found);
             }
             None => {
-                before = Some(now);
+                before.point(now);
                 let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?
                     .believing(&shared.prior);
                 let count = rounds.pointed(pointed);

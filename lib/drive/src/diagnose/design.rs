@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::Test;
 use gl_case::folders::BASE;
-use gl_gap::attribute::rounds::{POINTED, Rounds, Standing, WIDEST};
+use gl_gap::attribute::rounds::{Before, POINTED, Rounds, Standing, WIDEST};
 use gl_gap::design_box::{goes_beyond, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
@@ -45,7 +45,7 @@ impl Diagnosis<'_> {
         let (mut widened, mut is_wider, mut pointed) = (Widened::default(), false, 0);
         // By a `design_num` that is larger than it was, a design that had ended goes on.
         let mut left = self.case.design_num.unwrap_or(0);
-        let mut before: Option<Standing> = None;
+        let mut before = Before::default();
         for number in 0.. {
             let round = Round { diagnosis: self, number, folder: self.round(number), pointed, left };
             if round.make()? == Progress::InQueue {
@@ -59,8 +59,8 @@ impl Diagnosis<'_> {
             let goes_on = is_all && self.case.design_num.is_none() && now.asks_for_further(pointed);
             is_wider = self.widen(&round.folder, number, &mut widened)?;
             if is_wider {
-                before = None;
-            } else if is_all && !goes_on || before.is_some_and(|before| now.is_settled_since(&before)) {
+                before.widen(now);
+            } else if is_all && !goes_on || before.settles(&now) {
                 return self.conclude(&round.folder);
             } else {
                 if goes_on {
@@ -71,7 +71,7 @@ impl Diagnosis<'_> {
                 }
                 self.point(&round.folder, number + 1)?;
                 pointed += 1;
-                before = Some(now);
+                before.point(now);
             }
         }
         unreachable!("rounds end by themselves")

@@ -98,13 +98,34 @@ impl Standing {
         self.is_untried && pointed < POINTED + FURTHER
     }
 
-    /// Whether further runs are unlikely to change what is said: it is what the round before said, and stands out in
-    /// both.
-    pub fn is_settled_since(&self, before: &Self) -> bool {
+    /// Whether it is what the round before said, and stands out in both.
+    fn is_settled_since(&self, before: &Self) -> bool {
         self.cause == before.cause
             && self.probability >= SHARP
             && before.probability >= SHARP
             && self.ignorance <= KNOWN
+    }
+}
+
+/// What the round before said, if what this one says can be held against it.
+#[derive(Clone, Debug, Default)]
+pub struct Before(Option<Standing>);
+
+impl Before {
+    /// Whether further runs are unlikely to change what is said.
+    pub fn settles(&self, now: &Standing) -> bool {
+        self.0.as_ref().is_some_and(|before| now.is_settled_since(before))
+    }
+
+    /// A pointed round follows.
+    pub fn point(&mut self, now: Standing) {
+        self.0 = Some(now);
+    }
+
+    /// A round in a wider box follows. It shows the cause anew, but has no runs where the hypotheses put the parameters: it
+    /// settles nothing before a pointed round was made.
+    pub fn widen(&mut self, now: Standing) {
+        self.0 = self.0.take().and(Some(now));
     }
 }
 
@@ -139,14 +160,26 @@ mod tests {
         assert_eq!(asked, [POINTED, POINTED + 1]);
     }
 
+    fn of(cause: &str, probability: f64, ignorance: f64) -> Standing {
+        Standing { cause: cause.into(), probability, ignorance, is_untried: false }
+    }
+
+    #[test]
+    fn a_wider_box_settles_what_was_said_where_the_hypotheses_point_and_not_before() {
+        let sharp = of("adhesion", 0.97, 0.6);
+        let mut before = Before::default();
+        before.widen(sharp.clone());
+        assert!(!before.settles(&sharp), "no run was made where the hypotheses point");
+        before.point(sharp.clone());
+        assert!(before.settles(&sharp));
+        before.widen(sharp.clone());
+        assert!(before.settles(&sharp));
+        before.widen(of("damping", 0.97, 0.6));
+        assert!(!before.settles(&sharp), "the last one said something else");
+    }
+
     #[test]
     fn a_round_settles_what_the_one_before_said_as_well() {
-        let of = |cause: &str, probability, ignorance| Standing {
-            cause: cause.into(),
-            probability,
-            ignorance,
-            is_untried: false,
-        };
         let now = of("adhesion", 0.97, 0.6);
         assert!(now.is_settled_since(&of("adhesion", 0.96, 3.0)));
         assert!(!now.is_settled_since(&of("damping", 0.96, 0.6)));
