@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use divan::Bencher;
-use gl_emulator::cholesky::{Cholesky, Square};
+use gl_emulator::cholesky::{Cholesky, Triangle};
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
@@ -17,7 +17,7 @@ fn main() {
 /// exp(−|i − j| / n) and a nugget on the diagonal.
 #[divan::bench(args = [50, 200, 500])]
 fn cholesky(bencher: Bencher<'_, '_>, n: usize) {
-    let mut matrix = Square::zeros(n);
+    let mut matrix = Triangle::zeros(n);
     for i in 0..n {
         for (j, element) in matrix.row_mut(i).iter_mut().enumerate() {
             *element = (-(i.abs_diff(j) as f64) / n as f64).exp() + if i == j { 1e-3 } else { 0.0 };

@@ -5,8 +5,9 @@
 //! integrated over a flat prior (restricted likelihood, Harville 1974), s² is estimated.
 
 use anyhow::Result;
+use pulp::{Arch, Simd, with_simd};
 
-use super::cholesky::{Cholesky, Square, dot, lower_times, upper_times_transpose};
+use super::cholesky::{Cholesky, Triangle, UpperTriangle, dot, lower_times, upper_times_transpose};
 use super::kernel::ScaledPoints;
 pub use super::points::{Kernel, Mean, Points};
 
@@ -25,7 +26,7 @@ pub struct Hyperparameters {
 struct Factors {
     scaled: ScaledPoints,
     /// −2 dR/dr², lower half; empty if not asked for.
-    slopes: Square,
+    slopes: Triangle,
     cholesky: Cholesky,
     /// L⁻¹ H, shape (terms, points).
     terms: Vec<Vec<f64>>,
@@ -38,19 +39,19 @@ impl Factors {
     fn new(points: &Points, lengths: &[f64], nugget_ratio: f64, with_slopes: bool) -> Result<Self> {
         let n = points.n;
         let scaled = ScaledPoints::new(points.kernel, &points.inputs, lengths);
-        let mut a = Square::zeros(n);
-        let mut slopes = Square::zeros(if with_slopes { n } else { 0 });
+        let mut a = Triangle::zeros(n);
+        let mut slopes = Triangle::zeros(if with_slopes { n } else { 0 });
         for i in 0..n {
             let at = scaled.point(i);
-            let slope = with_slopes.then(|| &mut slopes.row_mut(i)[..=i]);
-            let row = &mut a.row_mut(i)[..=i];
+            let slope = with_slopes.then(|| slopes.row_mut(i));
+            let row = a.row_mut(i);
             scaled.correlate(&at, row, slope);
             row[i] += nugget_ratio;
         }
         let cholesky = Cholesky::new(&a)?;
         let mut terms = points.terms.clone();
         terms.iter_mut().for_each(|term| cholesky.solve_lower(term));
-        let mut information = Square::zeros(terms.len());
+        let mut information = Triangle::zeros(terms.len());
         for i in 0..terms.len() {
             for j in 0..=i {
                 information.row_mut(i)[j] = dot(&terms[i], &terms[j]);
@@ -79,7 +80,7 @@ impl Factors {
     /// P = A⁻¹ − A⁻¹ H (Hᵀ A⁻¹ H)⁻¹ Hᵀ A⁻¹, lower half.
     ///
     /// * `upper_inverse` — L⁻ᵀ.
-    fn projection(&self, upper_inverse: &Square) -> Square {
+    fn projection(&self, upper_inverse: &UpperTriangle) -> Triangle {
         let mut p = upper_times_transpose(upper_inverse);
         let Some(information) = &self.information else { return p };
         // Rows of E = L_G⁻¹ Hᵀ A⁻¹, so that what is taken away is Eᵀ E.
@@ -92,13 +93,7 @@ impl Factors {
             information.solve_lower(&mut column);
             rows.iter_mut().zip(&column).for_each(|(row, c)| row[i] = *c);
         }
-        for i in 0..n {
-            let target = &mut p.row_mut(i)[..=i];
-            for row in &rows {
-                let at = row[i];
-                target.iter_mut().zip(row).for_each(|(p, e)| *p -= at * e);
-            }
-        }
+        p.subtract_products(&rows);
         p
     }
 }
@@ -143,26 +138,43 @@ impl Likelihood {
     pub fn gradient(&self) -> Vec<f64> {
         let Self { factors, residual: b, variance, nugget_ratio, .. } = self;
         let p = factors.projection(&factors.cholesky.upper_inverse());
-        let d = factors.scaled.dimension();
-        let mut gradient = vec![0.0; d + 1];
-        let mut weights = vec![0.0; b.len()];
-        for i in 0..b.len() {
-            let (row, slopes) = (p.row(i), factors.slopes.row(i));
-            let scale = b[i] / variance;
-            gradient[d] += 0.5 * nugget_ratio * (b[i] * scale - row[i]);
-            for j in 0..i {
-                weights[j] = (b[j] * scale - row[j]) * slopes[j];
-            }
-            for (q, sum) in gradient[..d].iter_mut().enumerate() {
-                let input = factors.scaled.input(q);
-                *sum += weighted_squares(&weights[..i], input, input[i]);
-            }
-        }
+        // yᵀ P dA P y / s² − tr(P dA), half of it, element by element of dA.
+        let mut gradient = vec![0.0; factors.scaled.dimension()];
+        let scaled: Vec<f64> = b.iter().map(|b| b / variance).collect();
+        by_lengths(factors, &p, (b, &scaled), &mut gradient);
+        let of_nugget = |i: usize| 0.5 * nugget_ratio * (b[i] * scaled[i] - p.row(i)[i]);
+        gradient.push((0..b.len()).map(of_nugget).sum());
         gradient
     }
 }
 
+/// Add the derivatives by the logarithms of the lengths, at the width of the machine's vectors.
+///
+/// * `residuals` — P y, and the same over s², shape (points,).
+#[with_simd(by_lengths = Arch::new())]
+#[inline(always)]
+fn by_lengths_wide<'a, S: Simd>(
+    _width: S,
+    factors: &'a Factors,
+    p: &'a Triangle,
+    (b, scaled): (&'a [f64], &'a [f64]),
+    gradient: &'a mut [f64],
+) {
+    let mut weights = vec![0.0; b.len()];
+    for (i, scale) in scaled.iter().enumerate() {
+        let (row, slopes) = (p.row(i), factors.slopes.row(i));
+        for j in 0..i {
+            weights[j] = (b[j] * scale - row[j]) * slopes[j];
+        }
+        for (q, sum) in gradient.iter_mut().enumerate() {
+            let input = factors.scaled.input(q);
+            *sum += weighted_squares(&weights[..i], input, input[i]);
+        }
+    }
+}
+
 /// Σ wⱼ (xⱼ − at)².
+#[inline(always)]
 fn weighted_squares(weights: &[f64], x: &[f64], at: f64) -> f64 {
     let (w, w_rest) = weights.as_chunks::<4>();
     let (x, x_rest) = x[..weights.len()].as_chunks::<4>();
@@ -195,8 +207,8 @@ struct Curved {
     scaled: ScaledPoints,
     /// A⁻¹ (y − H β).
     alpha: Vec<f64>,
-    /// L⁻ᵀ transposed back: rows of L⁻¹.
-    lower_inverse: Square,
+    /// L⁻¹.
+    lower_inverse: Triangle,
     /// L⁻¹ H, shape (terms, points).
     terms: Vec<Vec<f64>>,
 }
@@ -236,12 +248,7 @@ impl Gp {
             mean: (0..n).map(|i| y[i] - alpha[i] / p.row(i)[i]).collect(),
             variance: (0..n).map(|i| variance / p.row(i)[i]).collect(),
         };
-        let mut lower_inverse = Square::zeros(n);
-        for i in 0..n {
-            for j in 0..=i {
-                lower_inverse.row_mut(i)[j] = upper_inverse.row(j)[i];
-            }
-        }
+        let lower_inverse = upper_inverse.transposed();
         let Factors { scaled, terms, information, .. } = factors;
         let curved = Some(Curved { scaled, alpha, lower_inverse, terms });
         Ok(Self {
@@ -263,7 +270,7 @@ impl Gp {
     /// If the terms of the mean function follow from each other.
     pub fn scatter(points: &Points, y: &[f64], hyper: &Hyperparameters) -> Result<Self> {
         let terms = &points.terms;
-        let mut products = Square::zeros(terms.len());
+        let mut products = Triangle::zeros(terms.len());
         for (i, term) in terms.iter().enumerate() {
             for (j, other) in terms[..=i].iter().enumerate() {
                 products.row_mut(i)[j] = dot(term, other) / hyper.nugget_ratio;

@@ -20,7 +20,7 @@ use super::smc::Target;
 use super::space::Space;
 use super::surrogate::Surrogate;
 use crate::Emulator;
-use crate::cholesky::{Cholesky, Square, dot};
+use crate::cholesky::{Cholesky, Triangle, dot};
 
 /// What was measured; all observables behind each other, each at all steps.
 #[derive(Clone, Debug)]
@@ -249,9 +249,9 @@ pub struct Likelihood<'a> {
     is_warped: bool,
     blocks: Vec<Block>,
     /// Correlation of the scores' errors, lower half.
-    correlation: Square,
+    correlation: Triangle,
     /// Covariance of the scores by the simulation's scatter, lower half.
-    scatter: Square,
+    scatter: Triangle,
     /// What the emulator's variance is multiplied by.
     calibration: f64,
     nuisances: Nuisances,
@@ -318,7 +318,7 @@ impl<'a> Likelihood<'a> {
             block
         };
         let lower = |matrix: &DMatrix<f64>| {
-            let mut lower = Square::zeros(k);
+            let mut lower = Triangle::zeros(k);
             for i in 0..k {
                 (0..=i).for_each(|j| lower.row_mut(i)[j] = matrix[(i, j)]);
             }
@@ -444,10 +444,10 @@ impl<'a> Likelihood<'a> {
     }
 
     /// L with L Lᵀ = C for variances of the scores' errors and a share of the scatter, and the factor of I + Lᵀ G L.
-    fn capacitance(&self, g: &[f64], variance: &[f64], scatter: f64) -> Option<(Square, Cholesky)> {
+    fn capacitance(&self, g: &[f64], variance: &[f64], scatter: f64) -> Option<(Triangle, Cholesky)> {
         let k = variance.len();
         let sd: Vec<f64> = variance.iter().map(|variance| variance.sqrt()).collect();
-        let mut factor = Square::zeros(k);
+        let mut factor = Triangle::zeros(k);
         for i in 0..k {
             let (correlation, of_scatter) = (self.correlation.row(i), self.scatter.row(i));
             let row = factor.row_mut(i);
@@ -457,17 +457,16 @@ impl<'a> Likelihood<'a> {
             row[i] += NO_VARIANCE;
         }
         let factor = Cholesky::new(&factor).ok()?.lower().clone();
-        let mut product = Square::zeros(k);
-        for i in 0..k {
+        let product = |(i, j): (usize, usize)| -> f64 {
             let row = &g[i * k..(i + 1) * k];
-            for j in 0..k {
-                product.row_mut(i)[j] = (j..k).map(|l| row[l] * factor.row(l)[j]).sum();
-            }
-        }
-        let mut inner = Square::zeros(k);
+            (j..k).map(|l| row[l] * factor.row(l)[j]).sum()
+        };
+        // G L, shape (components, components).
+        let product: Vec<f64> = (0..k * k).map(|at| product((at / k, at % k))).collect();
+        let mut inner = Triangle::zeros(k);
         for i in 0..k {
             for j in 0..=i {
-                let sum: f64 = (i..k).map(|l| factor.row(l)[i] * product.row(l)[j]).sum();
+                let sum: f64 = (i..k).map(|l| factor.row(l)[i] * product[l * k + j]).sum();
                 inner.row_mut(i)[j] = sum + f64::from(u8::from(i == j));
             }
         }
@@ -484,7 +483,7 @@ impl<'a> Likelihood<'a> {
 
     /// What the parameters are known by about a point: JᵀBᵀΣ⁻¹BJ with J the derivative of the mean scores and Σ with
     /// what the emulator does not know there, lower half, shape (parameters, parameters).
-    pub fn curvature(&self, x: &[f64]) -> Square {
+    pub fn curvature(&self, x: &[f64]) -> Triangle {
         const STEP: f64 = 1e-5;
         let (d, noise) = (self.space.len(), self.noise_at(x));
         let slope = |j: usize| -> Vec<f64> {
@@ -505,7 +504,7 @@ impl<'a> Likelihood<'a> {
         let variance: Vec<f64> = variance.iter().map(|v| self.calibration * v.max(0.0)).collect();
         let g = DMatrix::from_row_slice(variance.len(), variance.len(), &self.joint(&noise).quadratic.g);
         let importance = self.beside(g, &variance, &noise);
-        let mut curvature = Square::zeros(d);
+        let mut curvature = Triangle::zeros(d);
         for i in 0..d {
             let along = &importance * &slopes[i];
             (0..=i).for_each(|j| curvature.row_mut(i)[j] = along.dot(&slopes[j]));
@@ -628,7 +627,7 @@ impl Posterior<'_> {
 
     /// The curvature of ln of the density in the parameters, lower half: that of [`Likelihood::curvature`], and of the
     /// prior, of whose width the cube is.
-    pub fn curvature(&self, x: &[f64]) -> Square {
+    pub fn curvature(&self, x: &[f64]) -> Triangle {
         let mut curvature = self.likelihood.curvature(x);
         (0..curvature.n()).for_each(|i| curvature.row_mut(i)[i] += OF_AN_EVEN_PRIOR);
         curvature

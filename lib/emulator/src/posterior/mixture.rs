@@ -5,7 +5,7 @@ use rand::Rng;
 use rand::distr::Open01;
 use rand_chacha::ChaCha8Rng;
 
-use crate::cholesky::{Cholesky, Square, dot};
+use crate::cholesky::{Cholesky, Triangle, dot};
 use gl_inference::prior::normal_quantile;
 use gl_numeric::statistics::ln_sum_exp;
 
@@ -22,7 +22,7 @@ pub struct LocalMixture {
     /// Smoothing factor of a normal, on its neighbours' covariance.
     width: f64,
     /// L⁻¹ of the covariance of all points, in whose units points are near or far.
-    metric: Square,
+    metric: Triangle,
     /// The centres in these units.
     measured: Vec<Vec<f64>>,
 }
@@ -31,9 +31,9 @@ pub struct LocalMixture {
 struct Centre {
     at: Vec<f64>,
     /// Lower factor of the neighbours' covariance, times the width.
-    factor: Square,
+    factor: Triangle,
     /// Its inverse.
-    inverse: Square,
+    inverse: Triangle,
     ln_norm: f64,
     /// The points around it.
     neighbours: Vec<Vec<f64>>,
@@ -163,9 +163,9 @@ fn covariance<'a>(points: impl Iterator<Item = &'a Vec<f64>> + Clone, n: usize) 
 }
 
 /// Lower factor of a covariance of which the lower half is read.
-fn factor_of(covariance: &DMatrix<f64>) -> Square {
+fn factor_of(covariance: &DMatrix<f64>) -> Triangle {
     let d = covariance.nrows();
-    let mut lower = Square::zeros(d);
+    let mut lower = Triangle::zeros(d);
     for i in 0..d {
         for j in 0..=i {
             lower.row_mut(i)[j] = covariance[(i, j)];
@@ -175,7 +175,7 @@ fn factor_of(covariance: &DMatrix<f64>) -> Square {
     match Cholesky::new(&lower) {
         Ok(cholesky) => cholesky.lower().clone(),
         Err(_) => {
-            let mut diagonal = Square::zeros(d);
+            let mut diagonal = Triangle::zeros(d);
             (0..d).for_each(|i| diagonal.row_mut(i)[i] = covariance[(i, i)].sqrt());
             diagonal
         }
@@ -183,9 +183,9 @@ fn factor_of(covariance: &DMatrix<f64>) -> Square {
 }
 
 /// L⁻¹ of a lower triangle L.
-fn inverse_of(lower: &Square) -> Square {
+fn inverse_of(lower: &Triangle) -> Triangle {
     let d = lower.n();
-    let mut inverse = Square::zeros(d);
+    let mut inverse = Triangle::zeros(d);
     for column in 0..d {
         for i in column..d {
             let sum: f64 = (column..i).map(|k| lower.row(i)[k] * inverse.row(k)[column]).sum();

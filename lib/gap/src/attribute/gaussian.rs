@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, Simd, with_simd};
 
-use gl_emulator::cholesky::{Cholesky, Square};
+use gl_emulator::cholesky::{Cholesky, Triangle};
 
 /// The noise of one observable: how many times its unit, and the correlation from one step to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,13 +122,13 @@ impl Patterns {
 /// The lower half of R⁻¹ + diag(c)^½ Uᵀ N⁻¹ U diag(c)^½, at the width of the machine's vectors.
 #[with_simd(inner = Arch::new())]
 #[inline(always)]
-fn inner_wide<S: Simd>(_width: S, of: &Patterns, levels: &[Level], roots: &[f64]) -> Square {
-    let mut inner = Square::zeros(roots.len());
+fn inner_wide<S: Simd>(_width: S, of: &Patterns, levels: &[Level], roots: &[f64]) -> Triangle {
+    let mut inner = Triangle::zeros(roots.len());
     for (gram, level) in of.grams.iter().zip(levels) {
         let (diagonal, ends, next) = level.tridiagonal();
         // The products are symmetric: their columns are read as rows, up to the diagonal.
         for (own, place) in gram.stretches.iter().cloned().flatten().enumerate() {
-            let sums = &mut inner.row_mut(place)[..=place];
+            let sums = inner.row_mut(place);
             let row = own * gram.all.nrows()..own * gram.all.nrows() + own + 1;
             let [mut all, mut next_to, mut at_ends] =
                 [&gram.all, &gram.neighbours, &gram.ends].map(|products| &products.as_slice()[row.clone()]);
@@ -143,7 +143,7 @@ fn inner_wide<S: Simd>(_width: S, of: &Patterns, levels: &[Level], roots: &[f64]
         }
     }
     for (i, root) in roots.iter().enumerate() {
-        let row = &mut inner.row_mut(i)[..=i];
+        let row = inner.row_mut(i);
         row.iter_mut().zip(roots).for_each(|(value, other)| *value *= root * other);
         match of.independence.as_slice().chunks(of.independence.nrows().max(1)).nth(i) {
             Some(own) => row.iter_mut().zip(own).for_each(|(value, own)| *value += own),
