@@ -1,7 +1,7 @@
 //! The posterior by the function itself.
 
 use anyhow::Result;
-use gl_emulator::cholesky::{Cholesky, Square};
+use gl_emulator::cholesky::{Cholesky, Triangle};
 use gl_emulator::posterior::smc::{Effort, Target, sample};
 use gl_inference::observations::Observations;
 use gl_numeric::sequence::{Method, points};
@@ -19,7 +19,7 @@ struct Exact<'a> {
 impl<'a> Exact<'a> {
     fn new(problem: &'a Problem, observations: &'a Observations) -> Result<Self> {
         let n = problem.steps;
-        let mut covariance = Square::zeros(n);
+        let mut covariance = Triangle::zeros(n);
         for s in 0..n {
             for t in 0..=s {
                 let scatter = if problem.is_measured { problem.scatter_covariance(s, t) } else { 0.0 };
