@@ -369,6 +369,7 @@ fn partial_sums<S: Simd>(simd: S, a: &[f64], b: [&[f64]; 4]) -> [[f64; SUMS]; 4]
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use pulp::Scalar;
 
     use super::*;
 
@@ -405,6 +406,41 @@ mod tests {
                     prop_assert!((product - unit).abs() < 1e-10);
                 }
             }
+        }
+    }
+
+    /// exp(−|i − j| / n) with a nugget on the diagonal.
+    fn correlation(n: usize) -> Triangle {
+        let mut matrix = Triangle::zeros(n);
+        for i in 0..n {
+            for (j, value) in matrix.row_mut(i).iter_mut().enumerate() {
+                *value = (-((i - j) as f64) / n as f64).exp() + if i == j { 1e-3 } else { 0.0 };
+            }
+        }
+        matrix
+    }
+
+    #[test]
+    fn digits_are_the_same_at_every_width() {
+        let narrow = Scalar::new();
+        for n in [1, 3, 4, 7, 8, 9, 15, 16, 17, 30, 61] {
+            let a = correlation(n);
+            let lower = factor(&a, 0.0).unwrap();
+            assert_eq!(lower, factor_wide(narrow, &a, 0.0).unwrap(), "{n}");
+            let upper = upper_inverse(&lower);
+            assert_eq!(upper.values, upper_inverse_wide(narrow, &lower).values, "{n}");
+            assert_eq!(times_transpose(&upper), times_transpose_wide(narrow, &upper), "{n}");
+            let vectors: Vec<Vec<f64>> = (1..4).map(|k| (0..n).map(|i| (k * i) as f64).collect()).collect();
+            assert_eq!(
+                triangle_times(&lower, &vectors),
+                triangle_times_wide(narrow, &lower, &vectors),
+                "{n}"
+            );
+            // An element is what a dot product along its rows makes of it.
+            let (i, j) = (n - 1, n / 2);
+            let sum = dot(&lower.row(i)[..j], &lower.row(j)[..j]);
+            let element = (a.row(i)[j] - sum) / lower.row(j)[j];
+            assert!(i == j || lower.row(i)[j] == element, "{n}");
         }
     }
 

@@ -254,7 +254,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let looks: Vec<String> = attribution
             .explanations
             .iter()
-            .filter(|e| e.ln_weight > -8.0 || e.fits.is_some())
+            .filter(|e| e.ln_weight > -40.0 || e.fits.is_some())
             .map(look)
             .collect();
         table.text(&effects.join(",")).text(&looks.join("; ")).number(*runs as f64).end_row()?;

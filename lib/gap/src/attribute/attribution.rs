@@ -91,6 +91,16 @@ impl Explanation {
         along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
     }
 
+    /// ln odds that it loses, since its effects leave as much to something else as they do.
+    fn lost(&self) -> f64 {
+        if self.is_cause() && self.may_have_rest() { along(&LEAVES_MUCH, self.closes) } else { 0.0 }
+    }
+
+    /// Whether something else is at work, too: a rest, or more noise than was stated, which may be one by another name.
+    fn may_have_rest(&self) -> bool {
+        self.has_rest || self.has_more_noise
+    }
+
     /// Whether it names effects as the cause.
     pub fn is_cause(&self) -> bool {
         !self.hypothesis.is_empty()
@@ -115,12 +125,16 @@ const BEHIND: f64 = 10.0;
 
 /// What is kept of the probability of effects beside something else that is at work, too, a rest or more noise than was
 /// stated, by the share of the gap that they close by themselves; in between in proportion. What closes little is no part
-/// of the cause. What closes half may be one, or may imitate something that is no candidate: it stays the likelier, but is
-/// not settled.
+/// of the cause. What closes half may be one, or may imitate something that is no candidate, and is not settled.
 const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 
 /// The same of several effects together, which imitate more.
 const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
+
+/// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
+/// themselves: beside a rest half as large as what the effects do, or larger, it is as likely that all of it is something
+/// unknown, which they imitate. What nothing smooth imitates is ahead of that by tens, and hardly notices.
+const LEAVES_MUCH: [(f64, f64); 2] = [(0.65, 8.0), (0.8, 0.0)];
 
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
@@ -337,9 +351,12 @@ fn rule_out(explanations: &mut [Explanation]) {
         }
     }
     let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
+    explanations.iter_mut().for_each(|of| of.probability *= (-of.lost()).exp());
+    let whole: f64 = explanations.iter().map(|of| of.probability).sum();
+    explanations.iter_mut().for_each(|of| of.probability /= whole);
     for place in 0..explanations.len() {
         let of = &mut explanations[place];
-        if !of.is_cause() || !(of.has_rest || of.has_more_noise) {
+        if !of.is_cause() || !of.may_have_rest() {
             continue;
         }
         let kept = of.kept();
@@ -410,6 +427,30 @@ mod tests {
             assert!(together <= alone && (closes < 0.2 || together < alone), "{closes}");
         }
         assert_eq!(kept(2, 1.0), 1.0);
+    }
+
+    #[test]
+    fn what_leaves_half_as_much_as_it_does_must_be_far_ahead_of_something_unknown() {
+        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
+        let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
+        // Ahead of something unknown by so much, and closing so much.
+        let probability = |ahead: f64, closes: f64| {
+            let mut all = [of("none"), of("wave+unexplained"), of("unexplained")];
+            let whole = 1.0 + (-ahead).exp();
+            for (of, weight) in all.iter_mut().zip([0.0, 1.0, (-ahead).exp()]) {
+                (of.probability, of.fits, of.closes) = (weight / whole, None, 0.0);
+            }
+            all[1].closes = closes;
+            rule_out(&mut all);
+            assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+            all[1].probability
+        };
+        let kept = |closes: f64| along(&CLOSES, closes);
+        assert!((probability(5.0, 0.95) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
+        // Eight nats at 0.65 and below: five are too few, and thirty are enough.
+        assert!((probability(8.0, 0.65) - 0.5 * kept(0.65)).abs() < 1e-12);
+        assert!(probability(5.0, 0.6) < 0.05);
+        assert!((probability(30.0, 0.5) - kept(0.5)).abs() < 1e-6);
     }
 
     #[test]

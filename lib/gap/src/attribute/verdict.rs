@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::forecast::{Effort, effort};
@@ -105,6 +105,15 @@ fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
     most.filter(|(of, _)| of.closes >= MOST)
 }
 
+/// The effects that come nearest where something unknown is first, with a rest or without, whichever is likelier.
+fn nearest<'a>(problem: &Problem<'_>, diagnosis: &'a Diagnosis) -> Option<&'a Explanation> {
+    let Attribution { explanations, nearest } = &diagnosis.attribution;
+    let own = explanations
+        .iter()
+        .filter(|of| of.is_cause() && name(&of.hypothesis, &problem.candidates) == *nearest);
+    own.max_by(|a, b| a.probability.total_cmp(&b.probability))
+}
+
 /// Effects that nothing can be said of yet, though something unknown comes first.
 fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
     let (untried, explanations) = (&diagnosis.untried, &diagnosis.attribution.explanations);
@@ -185,10 +194,33 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
             ));
             return Ok(());
         }
-        verdicts.add("unexplained", first.probability, format!(
-            "none of the candidates explains the measurement: something else is at work, probability {:.2}; the nearest candidate is {}, which is no answer",
-            first.probability, diagnosis.attribution.nearest
-        ));
+        let nearest = nearest(problem, diagnosis).map(|of| {
+            let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
+            (effects, diagnosis.probability_of(&of.hypothesis), closes)
+        });
+        match nearest {
+            Some((effects, probability, closes)) if first.probability < SETTLED => verdicts.add(
+                "unsettled",
+                "unexplained",
+                format!(
+                    "something else seems to be at work, probability {:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap",
+                    first.probability
+                ),
+            ),
+            nearest => {
+                let closest = nearest.map_or_else(String::new, |(effects, _, closes)| {
+                    format!("; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer")
+                });
+                verdicts.add(
+                    "unexplained",
+                    first.probability,
+                    format!(
+                        "none of the candidates explains the measurement: something else is at work, probability {:.2}{closest}",
+                        first.probability
+                    ),
+                );
+            }
+        }
         return Ok(());
     }
     let is_part = first.has_rest && first.closes < MOST;
