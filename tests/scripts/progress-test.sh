@@ -18,14 +18,14 @@ with_a_late_run() {
     (sleep 3; printf 'x y\n0 0\n1 2\n' >runs/two_sim.txt) &
 }
 
-# A design of which 50 runs are called the measurement in turn: about a second on two processors.
+# A design of which 150 runs are called the measurement in turn: two seconds on two processors.
 with_a_self_check() {
     printf 'name lower upper effect off\na 0 2 - -\nbend 0.1 2 bending 0\n' >params.txt
-    gl-sample -p params.txt -n 60 --effects switch -o samples.txt
+    gl-sample -p params.txt -n 200 --effects switch -o samples.txt
     awk 'BEGIN { print "sample step x y" }
         NR > 1 { for (i = 0; i < 20; i++) print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt >runs.txt
     awk 'BEGIN { print "x y"; for (i = 0; i < 20; i++) print i, i + 0.05 * i * i + 0.1 * sin(9 * i) }' >obs.txt
-    check='gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.1 --self-check 50 runs.txt'
+    check='gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y=0.1 --self-check 150 runs.txt'
 }
 
 collect='gl-collect -s samples.txt -b obs.txt -c x -v y runs'
@@ -44,7 +44,7 @@ a_self_check_shows_itself_and_not_its_parts() {
     needs script script
     with_a_self_check
     script -qec "$check -o attribution.txt" typescript
-    grep -q 'gl-gap-attribute: checking itself .* of 50, about [0-9]* s left' typescript
+    grep -q 'gl-gap-attribute: checking itself .* of 150, about [0-9]* s left' typescript
     # Its emulators and hypotheses have lines of their own only before it.
     same "$(sed -n '/checking itself/,$p' typescript | grep -c 'weighing hypotheses\|training the emulator')" 0
 }

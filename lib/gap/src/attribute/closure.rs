@@ -8,6 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::Explanation;
+use crate::attribute::gaussian::Filled;
 use crate::attribute::mode::{Mode, standard_normal};
 use crate::attribute::model::Model;
 use crate::attribute::problem::{HEAVY_TAILS, Problem};
@@ -93,7 +94,7 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 /// them, above what noise and scatter would give, of the gap before. Each observable counts in units of its noise and
 /// scatter: one that is noisy over its whole range has no gap to close. Readings that are far off do not count.
 ///
-/// Where bounds are wider than was believed, neither goes further beyond than the explanation does: the base model
+/// Neither goes beyond the bounds, nor further beyond what was believed than the explanation does: the base model
 /// closes no gap by what is not believed, and an effect closes none by what the base parameters do.
 ///
 /// # Errors
@@ -103,22 +104,11 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     let w = &of.best()[..model.len()];
     let scales = model.nuisances(w).scales;
     let units: Vec<f64> = (0..scales.len()).map(|j| problem.spread(j, &scales)).collect();
-    let is_wider = problem.beliefs.iter().any(Option::is_some);
-    let within = is_wider.then(|| believed(problem, &problem.prior.base(), &model.point(w)));
+    let within = believed(problem, &problem.prior.base(), &model.point(w));
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
-        let best = &explanation.best()[..own.len()];
         // In the metric of the one noise, so that the two are compared alike.
-        let left = match &within {
-            Some(within) => recalibrated((&model, w), &own, best, within)?,
-            None => {
-                let (mean, slopes) = own.gradient(best);
-                let mut left = DMatrix::from_vec(mean.len(), 1, own.residual(&mean));
-                let of_base = slopes.columns(0, problem.prior.base().len()).into_owned();
-                absorb(&model, w, &of_base, &mut left)?;
-                left
-            }
-        };
+        let left = recalibrated((&model, w), &own, &explanation.best()[..own.len()], &within)?;
         let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
         let share = |i: usize| problem.counts(i) * (left[i] / units[problem.observable_of(i)]).powi(2);
         let squares: Vec<f64> = counted.map(share).collect();
@@ -148,24 +138,28 @@ fn recalibrated(
     w: &[f64],
     within: &[Within],
 ) -> Result<DMatrix<f64>> {
+    let none = vec![0.0; own.problem().predictor.basis().ncols()];
+    metric.with_covariance(at, &none, |covariance| descended(covariance, own, w, within))?
+}
+
+/// The same by the covariance of that noise and scatter.
+fn descended(covariance: &Filled<'_>, own: &Model<'_>, w: &[f64], within: &[Within]) -> Result<DMatrix<f64>> {
     const STEPS: usize = 12;
     const SHORTER: [f64; 4] = [1.0, 0.4, 0.15, 0.05];
     let predictor = own.problem().predictor;
-    let none = vec![0.0; predictor.basis().ncols()];
-    let solve = |columns: &DMatrix<f64>| metric.with_covariance(at, &none, |c| c.solve(columns));
-    let measured = |point: &[f64]| -> Result<(DMatrix<f64>, f64)> {
+    let measured = |point: &[f64]| -> (DMatrix<f64>, f64) {
         let residual = own.residual(&own.measured_at(point, w));
         let residual = DMatrix::from_vec(residual.len(), 1, residual);
-        let square = solve(&residual)?.dot(&residual);
-        Ok((residual, square))
+        let square = covariance.solve(&residual).dot(&residual);
+        (residual, square)
     };
     let mut point = own.point(w);
     within.iter().for_each(|&(j, low, high)| point[j] = point[j].clamp(low, high));
-    let (mut residual, mut square) = measured(&point)?;
+    let (mut residual, mut square) = measured(&point);
     for _ in 0..STEPS {
         let by_coordinate = predictor.basis() * predictor.gradient(&point);
         let slopes = by_coordinate.select_columns(within.iter().map(|(j, ..)| j));
-        let solved = solve(&slopes)?;
+        let solved = covariance.solve(&slopes);
         let uphill = solved.tr_mul(&residual);
         let is_free = |&k: &usize| {
             let (j, low, high) = within[k];
@@ -189,7 +183,7 @@ fn recalibrated(
                 let (j, low, high) = within[k];
                 next[j] = (next[j] + share * step).clamp(low, high);
             }
-            let (there, value) = measured(&next)?;
+            let (there, value) = measured(&next);
             if value < square {
                 better = Some((next, there, value));
                 break;
@@ -376,6 +370,7 @@ fn gaps(problem: &Problem<'_>, real: &DMatrix<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attribute::attribution::attribute;
     use crate::attribute::hypothesis::Candidate;
     use crate::attribute::synthetic_world::{STEPS, Straight};
 
@@ -392,6 +387,16 @@ mod tests {
             // The priors are wide beside the noise, but not infinitely.
             assert!((share - (1.0 - parameters / STEPS as f64)).abs() < 2e-3, "{parameters}: {share}");
         }
+    }
+
+    #[test]
+    fn the_base_model_closes_no_gap_beyond_its_bounds() {
+        // a is 5 at most.
+        let (predictor, (prior, _)) = (Straight::new(), Straight::beyond(0.0, 2.0));
+        let problem = predictor.problem(&prior, &Straight::measured(5.1, 0.6, 0.0, 0.01));
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let offset = explanations.iter().find(|of| of.name == "offset(y)").unwrap();
+        assert!(offset.closes > 0.95, "{}", offset.closes);
     }
 
     #[test]

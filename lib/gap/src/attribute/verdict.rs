@@ -529,13 +529,14 @@ mod tests {
     use crate::attribute::synthetic_world::Straight;
     use crate::attribute::untried::untried;
 
-    /// What is said of the cause where something unknown comes first, and the emulator has this variance.
-    fn said_of_something_unknown(variance: f64) -> String {
+    /// What is said of the cause where something unknown comes first with this probability, and the emulator has this variance.
+    fn said_of_something_unknown(probability: f64, variance: f64) -> String {
         let (predictor, prior) = (Straight::unsure(variance), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
         let problem = predictor.problem(&prior, &observations);
         let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
         diagnosis.attribution.explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
+        diagnosis.attribution.explanations[0].probability = probability;
         diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
         let mut verdicts = Verdicts::default();
         add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
@@ -544,9 +545,11 @@ mod tests {
 
     #[test]
     fn something_unknown_is_not_settled_beside_an_effect_that_would_close_most_and_is_not_known() {
-        let said = said_of_something_unknown(2.5e-3);
+        let said = said_of_something_unknown(0.99, 2.5e-3);
         assert!(said.contains("but wave would close") && said.contains("neither is settled"), "{said}");
-        let said = said_of_something_unknown(1e-8);
+        let said = said_of_something_unknown(0.99, 1e-8);
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
+        let said = said_of_something_unknown(0.6, 1e-8);
+        assert!(said.contains("seems to be at work, probability 0.60, or wave, probability"), "{said}");
     }
 }
