@@ -246,7 +246,8 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
         table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
-        table.text(&attribution.nearest).text(&diagnosis.rows[0].confounded.join(","));
+        let nearest = attribution.nearest().map_or_else(|| "none".to_owned(), |of| cause(&of.name));
+        table.text(&nearest).text(&diagnosis.rows[0].confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =

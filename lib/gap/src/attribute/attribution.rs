@@ -112,8 +112,14 @@ impl Explanation {
 pub struct Attribution {
     /// All hypotheses, the most probable cause first, with a rest and without next to each other.
     pub explanations: Vec<Explanation>,
-    /// The most probable hypothesis with an effect, whether it fits or not; `none` if there is none.
-    pub nearest: String,
+}
+
+impl Attribution {
+    /// The most probable explanation with an effect, whether it fits, or closes little, or not.
+    pub fn nearest(&self) -> Option<&Explanation> {
+        let causes = self.explanations.iter().filter(|of| of.is_cause());
+        causes.max_by(|a, b| a.ln_weight.total_cmp(&b.ln_weight))
+    }
 }
 
 /// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
@@ -218,14 +224,9 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         of.probability = of.ln_weight.exp();
     }
     look_closer(problem, &mut explanations)?;
-    let nearest = explanations
-        .iter()
-        .filter(|of| of.is_cause())
-        .max_by(|a, b| a.probability.total_cmp(&b.probability))
-        .map_or_else(|| "none".to_owned(), |of| name(&of.hypothesis, &problem.candidates));
     rule_out(&mut explanations);
     sort(&mut explanations);
-    Ok(Attribution { explanations, nearest })
+    Ok(Attribution { explanations })
 }
 
 /// The most probable cause first: the same effects with a rest and without are one cause, and stand together.

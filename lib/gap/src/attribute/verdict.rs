@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::forecast::{Effort, effort};
@@ -105,13 +105,28 @@ fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
     most.filter(|(of, _)| of.closes >= MOST)
 }
 
-/// The effects that come nearest where something unknown is first, with a rest or without, whichever is likelier.
-fn nearest<'a>(problem: &Problem<'_>, diagnosis: &'a Diagnosis) -> Option<&'a Explanation> {
-    let Attribution { explanations, nearest } = &diagnosis.attribution;
-    let own = explanations
-        .iter()
-        .filter(|of| of.is_cause() && name(&of.hypothesis, &problem.candidates) == *nearest);
-    own.max_by(|a, b| a.probability.total_cmp(&b.probability))
+/// That something unknown comes first, and which effects come nearest.
+fn add_unexplained(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let first = diagnosis.first().probability;
+    let Some(of) = diagnosis.attribution.nearest() else {
+        verdicts.add(
+            "unexplained",
+            first,
+            format!("something else than the base model is at work, probability {first:.2}"),
+        );
+        return;
+    };
+    let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
+    if first < SETTLED {
+        let probability = diagnosis.probability_of(&of.hypothesis);
+        verdicts.add("unsettled", UNEXPLAINED, format!(
+            "something else seems to be at work, probability {first:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap"
+        ));
+    } else {
+        verdicts.add("unexplained", first, format!(
+            "none of the candidates explains the measurement: something else is at work, probability {first:.2}; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer"
+        ));
+    }
 }
 
 /// Effects that nothing can be said of yet, though something unknown comes first.
@@ -194,33 +209,7 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
             ));
             return Ok(());
         }
-        let nearest = nearest(problem, diagnosis).map(|of| {
-            let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
-            (effects, diagnosis.probability_of(&of.hypothesis), closes)
-        });
-        match nearest {
-            Some((effects, probability, closes)) if first.probability < SETTLED => verdicts.add(
-                "unsettled",
-                "unexplained",
-                format!(
-                    "something else seems to be at work, probability {:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap",
-                    first.probability
-                ),
-            ),
-            nearest => {
-                let closest = nearest.map_or_else(String::new, |(effects, _, closes)| {
-                    format!("; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer")
-                });
-                verdicts.add(
-                    "unexplained",
-                    first.probability,
-                    format!(
-                        "none of the candidates explains the measurement: something else is at work, probability {:.2}{closest}",
-                        first.probability
-                    ),
-                );
-            }
-        }
+        add_unexplained(verdicts, problem, diagnosis);
         return Ok(());
     }
     let is_part = first.has_rest && first.closes < MOST;
