@@ -62,6 +62,16 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
     let out = request.folder("")?;
     let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
     let _lock = alone(&out, "gl-calibrate")?;
+    if let Some(file) = check::changed_since_runs(&case, engine, &out)? {
+        gl_cli::note(
+            "gl-calibrate",
+            format_args!(
+                "{} was changed after the runs in {}, which are kept as they are; for runs of the model as it is now give another --out, or remove that folder",
+                file.display(),
+                out.display()
+            ),
+        );
+    }
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
     let setting = Setting {

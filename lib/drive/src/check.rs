@@ -1,6 +1,6 @@
 //! Whether a case can be run, asked before the first run: its tables, the names in it, its model, the engine.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
@@ -40,7 +40,15 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let parameters = counted(prior.names().len(), "parameter");
     verdicts.add("case", &case.name, format!("{}: {parameters} against {told}", case.folder.display()));
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
-    for name in unused(&case, engine, &prior)? {
+    let commands = commands(&case, engine)?;
+    if commands.iter().any(|command| !command.is_told_its_name()) {
+        verdicts.add(
+            "unnamed",
+            "-",
+            "no run has {description} in its command, which says what its results are to be called, {description}_sim.txt",
+        );
+    }
+    for name in unused(&commands, &prior) {
         verdicts.add(
             "unused",
             &name,
@@ -56,21 +64,43 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     Ok(verdicts)
 }
 
-/// Parameters that the command of no test is given.
-fn unused(case: &Case, engine: Engine, prior: &Prior) -> Result<Vec<String>> {
+/// What runs in each test, but for engines that take a whole table.
+fn commands(case: &Case, engine: Engine) -> Result<Vec<Model>> {
     if matches!(engine, Engine::Embedded | Engine::YadeBatch) {
         return Ok(Vec::new());
     }
-    let all = prior.names();
-    let mut names = all.clone();
-    for test in &case.tests {
+    let command = |test: &Test| {
         let model = case.model_of(test, engine)?;
-        let is_script = yade_script(&model, &case.folder).is_some();
-        let command = Model::Command(if is_script { Vec::new() } else { split_words(&model)? });
-        let unused = command.unused(&all);
-        names.retain(|name| unused.contains(&name.as_str()));
-    }
-    Ok(names)
+        Ok(match yade_script(&model, &case.folder) {
+            Some(script) => Model::Yade(script.into()),
+            None => Model::Command(split_words(&model)?),
+        })
+    };
+    case.tests.iter().map(command).collect()
+}
+
+/// A file of the model that was changed since the first runs in a folder were made, which are kept.
+///
+/// # Errors
+/// If the command of a test cannot be read.
+pub(crate) fn changed_since_runs(case: &Case, engine: Engine, out: &Path) -> Result<Option<PathBuf>> {
+    let time = |path: &Path| path.metadata().and_then(|file| file.modified()).ok();
+    let Some(made) = time(&out.join("iter0/ensemble.txt")) else { return Ok(None) };
+    let models = match engine {
+        Engine::YadeBatch => vec![Model::Yade(case.engine(Some(engine))?.1.into())],
+        _ => commands(case, engine)?,
+    };
+    let mut files = models.iter().flat_map(|model| model.files(&case.folder));
+    Ok(files.find(|file| time(file).is_some_and(|changed| changed > made)))
+}
+
+/// Parameters that no command is given.
+fn unused(commands: &[Model], prior: &Prior) -> Vec<String> {
+    let all = prior.names();
+    let unused: Vec<Vec<&str>> = commands.iter().map(|command| command.unused(&all)).collect();
+    let is_unused =
+        |name: &&String| !unused.is_empty() && unused.iter().all(|own| own.contains(&name.as_str()));
+    all.iter().filter(is_unused).cloned().collect()
 }
 
 /// `1 run`, `2 runs`.
@@ -290,7 +320,7 @@ fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &T
         Model::check(model, &table, &case.folder).with_context(|| place(case, &format!("model.{engine}")))?;
     // Runs that are kept need none of it.
     if let Some(file) = checked.missing(&case.folder).filter(|_| case.kept.is_none()) {
-        bail!("{}: no file {file}", place(case, &format!("model.{engine}")));
+        bail!("{}: no file {}", place(case, &format!("model.{engine}")), file.display());
     }
     if engine == Engine::YadeBatch && yade_script(model, &case.folder).is_none() {
         bail!("{}: yade-batch runs Yade scripts, which end in .py", place(case, "model.yade-batch"));

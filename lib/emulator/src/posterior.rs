@@ -130,6 +130,10 @@ pub struct Inference {
     pub correlated: Vec<bool>,
     /// Where they stand, in the same order, shape (runs, parameters that vary).
     pub places: Vec<Vec<f64>>,
+    /// Where samples stand that have no run, shape (samples, parameters that vary).
+    pub failed: Vec<Vec<f64>>,
+    /// Whether all runs have the same curves.
+    pub are_alike: bool,
     measured: Measured,
 }
 
@@ -403,6 +407,7 @@ fn finish(
     let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
     let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
     let (runs, places) = real_runs(ranked, &space, &measured, (samples, ensemble))?;
+    let failed = failed(&space, samples, ensemble)?;
     Ok(Inference {
         values: points.iter().map(|x| space.values(x)).collect(),
         misfit: fits.iter().map(|fit| fit.square).collect(),
@@ -419,6 +424,9 @@ fn finish(
         observables: ensemble.observables.clone(),
         correlated,
         places,
+        failed,
+        are_alike: ensemble.len() > 1
+            && (1..ensemble.len()).all(|run| ensemble.curves(run) == ensemble.curves(0)),
         noise,
         nuisances,
         points,
@@ -475,6 +483,14 @@ fn real_runs(
     Ok(runs.into_iter().unzip())
 }
 
+/// Where samples stand that have no run, shape (samples, parameters that vary).
+fn failed(space: &Space, samples: &Samples, ensemble: &Ensemble) -> Result<Vec<Vec<f64>>> {
+    let done: HashSet<&String> = ensemble.samples.iter().collect();
+    let values = samples.columns(&space.prior().names())?;
+    let failed = samples.names.iter().zip(&values).filter(|(name, _)| !done.contains(name));
+    Ok(failed.map(|(_, values)| space.place(values)).collect())
+}
+
 /// How mean and standard deviation would change if the emulator's mean were exact: the largest shift in
 /// standard deviations, and the smallest ratio.
 fn if_known(
@@ -512,6 +528,7 @@ impl Inference {
             space: &self.space,
             draws: &draws,
             runs: &self.places,
+            failed: &self.failed,
             importance,
             calibration: self.surrogate.calibration,
         };

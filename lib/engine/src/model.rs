@@ -60,15 +60,23 @@ impl Model {
         Ok(Self::Command(words))
     }
 
-    /// A file in the folder of the case that a command is given, and that is not there.
-    pub fn missing(&self, case: &Path) -> Option<String> {
-        let Self::Command(words) = self else { return None };
+    /// The files in the folder of the case that a run is made with: those that a command is given, or the script.
+    pub fn files(&self, case: &Path) -> Vec<PathBuf> {
+        let words = match self {
+            Self::Yade(script) => return vec![case.join(script)],
+            Self::Command(words) => words,
+        };
         let of_case = words
             .iter()
             .filter(|word| word.starts_with("{case}/") && placeholders(word).all(|name| name == "case"));
         let folder = case.display().to_string();
-        let mut files = of_case.map(|word| replace(word, &HashMap::from([("case", folder.as_str())])));
-        files.find(|file| !Path::new(file).exists())
+        of_case.map(|word| replace(word, &HashMap::from([("case", folder.as_str())])).into()).collect()
+    }
+
+    /// A file in the folder of the case that a command is given, and that is not there.
+    pub fn missing(&self, case: &Path) -> Option<PathBuf> {
+        let Self::Command(_) = self else { return None };
+        self.files(case).into_iter().find(|file| !file.exists())
     }
 
     /// Columns that a command does not have, although it has some of them: what they are changes nothing in its runs. A
@@ -81,6 +89,12 @@ impl Model {
             return Vec::new();
         }
         columns.iter().filter(|column| !is_used(column)).map(String::as_str).collect()
+    }
+
+    /// Whether a command is given what its run is called, and so what to call its results. A script is.
+    pub fn is_told_its_name(&self) -> bool {
+        let Self::Command(words) = self else { return true };
+        words.iter().any(|word| placeholders(word).any(|name| name == "description"))
     }
 
     /// The words of the command for a row, its placeholders filled in.
@@ -261,9 +275,14 @@ mod tests {
         // It reads its parameters by another way.
         assert_eq!(unused("prog {description}"), "");
         assert!(Model::Yade("model.py".into()).unused(&columns).is_empty());
+        let is_told = |text: &str| Model::Command(words(text)).is_told_its_name();
+        assert!(is_told("prog {E_m} -o {description}_sim.txt") && !is_told("prog {E_m}"));
         let missing = |text: &str| Model::Command(words(text)).missing(Path::new("/etc"));
         assert_eq!(missing("awk -f {case}/passwd {case}/{E_m}"), None);
-        assert_eq!(missing("awk -f {case}/no-such-script.awk"), Some("/etc/no-such-script.awk".to_owned()));
+        assert_eq!(
+            missing("awk -f {case}/no-such-script.awk"),
+            Some(PathBuf::from("/etc/no-such-script.awk"))
+        );
     }
 
     #[test]

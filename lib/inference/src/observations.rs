@@ -143,11 +143,20 @@ impl Observations {
     }
 }
 
+/// Columns that a table of runs has beside those of the control and the observables.
+const RESERVED: [&str; 2] = ["sample", "step"];
+
 /// Refuse a control and observables that name a column twice, or none.
 pub(crate) fn check_names(source: &str, control: &str, observables: &[String]) -> Result<()> {
     ensure!(!observables.is_empty(), "{source}: no observables (-v) named");
     let empty = observables.iter().any(String::is_empty);
     ensure!(!empty, "{source}: observables (-v): a name is empty; separate names by single commas");
+    for name in observables.iter().map(String::as_str).chain([control]) {
+        ensure!(
+            !RESERVED.contains(&name),
+            "{source}: {name} cannot be an observable (-v) or the control (-c): tables of runs have a column of that name; rename it"
+        );
+    }
     let mut seen = HashSet::new();
     for name in observables {
         ensure!(seen.insert(name), "{source}: observables (-v): {name} is named twice");

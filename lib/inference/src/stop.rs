@@ -332,7 +332,8 @@ fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
         let text =
             format!("the fit is bad: {on}, which noise alone exceeds with a probability of {}", said(p));
         verdicts.add("bad-fit", value / degrees, text);
-    } else if 1.0 - p < UNLIKELY {
+    } else if 1.0 - p < UNLIKELY && summary.draws.is_none() {
+        // Who draws says it himself, and knows whether the noise is correlated.
         let text =
             format!("the fit is better than the noise explains: {on}; is the noise smaller than stated?");
         verdicts.add("noise-too-large", value / degrees, text);

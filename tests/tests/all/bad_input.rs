@@ -211,6 +211,8 @@ fn too_many_failed_runs_are_an_error_that_says_where_the_reasons_are() {
     folder.refuses(&line.replace("runs", "nowhere"), &["nowhere: cannot be read"]);
     folder.write(&format!("runs/{}_sim.txt", folder.texts("samples.txt", "description")[0]), "");
     folder.refuses(&format!("{line} --max-failed 1"), &["all 4 runs failed", "--status"]);
+    folder.run(&format!("{line} --max-failed 1 --allow-empty"));
+    assert_eq!(folder.table("ensemble.txt").len(), 0);
 }
 
 #[test]

@@ -546,3 +546,74 @@ fn steps_that_calibration_saw_are_steps_of_the_measurement() {
         &["--calibrated 0:99: the measurement has 20 steps"],
     );
 }
+
+/// A hyperbola with a stiffness and a strength, in kPa; stiffer than 4e4 the simulation breaks off early.
+fn case_with_a_failing_corner() -> Folder {
+    let folder = Folder::default();
+    fs::create_dir(folder.path("case")).unwrap();
+    folder.write("case/params.txt", "name lower upper scale\nE 5e3 1e5 log\nqm 200 800 linear\n");
+    let mut obs = "eps q\n".to_owned();
+    for i in 0..51 {
+        let eps = 0.1 * f64::from(i) / 50.0;
+        let noise = 2.0 * f64::from((7 * i) % 13 - 6) / 3.74;
+        obs += &format!("{eps} {}\n", eps / (1.0 / 3e4 + eps / 355.0) + noise);
+    }
+    folder.write("case/obs.txt", &obs);
+    folder.write(
+        "case/case.toml",
+        "name = \"hard\"\ncontrol = \"eps\"\nobservables = [\"q\"]\nnoise = { q = 2 }\n\n[model]\n\
+         local = \"awk -f {case}/hard.awk -v E={E} -v qm={qm} -v name={description}\"\n",
+    );
+    folder.write(
+        "case/hard.awk",
+        "BEGIN { CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"eps\\tq\" > file; last = E < 4e4 ? 61 : 20\n\
+         for (i = 0; i < last; i++) { e = i / 60 * 0.12; print e \"\\t\" e / (1 / E + e / qm) > file } }\n",
+    );
+    folder
+}
+
+#[test]
+fn a_corner_of_the_prior_where_runs_fail_does_not_end_a_calibration() {
+    let folder = case_with_a_failing_corner();
+    for seed in [0, 3, 6] {
+        folder.run(&format!("gl-calibrate case --out out{seed} seed={seed}"));
+        let of = |quantity: &str| folder.quantity(&format!("out{seed}/posterior.txt"), quantity);
+        assert!(of("failed") > 0.0, "{seed}");
+        assert!(
+            (of("mean(E)") / 3e4 - 1.0).abs() < 0.15 && (of("mean(qm)") / 355.0 - 1.0).abs() < 0.1,
+            "{seed}"
+        );
+    }
+}
+
+#[test]
+fn a_model_that_was_changed_is_said_and_one_that_takes_no_parameter_ends_at_once() {
+    let folder = case_with_a_failing_corner();
+    let model = folder.read("case/hard.awk");
+    folder.run("gl-calibrate case --out out seed=1 iterations=2");
+    assert!(!folder.run("gl-calibrate case --out out seed=1 iterations=2").contains("was changed after"));
+    folder.write("case/hard.awk", format!("{model}# another\n"));
+    assert!(
+        folder
+            .run("gl-calibrate case --out out seed=1 iterations=2")
+            .contains("hard.awk was changed after the runs in out")
+    );
+    folder.write("case/hard.awk", model.replace("BEGIN {", "BEGIN { E = 3e4; qm = 355;"));
+    let output = folder.call("gl-calibrate case --out same", "");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("same/iter0: all runs have the same curves"));
+    folder.write("case/case.toml", folder.read("case/case.toml").replace(" -v name={description}", ""));
+    assert!(folder.run("gl-check case").contains("no run has {description} in its command"));
+}
+
+#[test]
+fn columns_of_a_table_of_runs_are_no_names_of_a_measurement() {
+    let folder = case_with_a_failing_corner();
+    let (case, obs) = (folder.read("case/case.toml"), folder.read("case/obs.txt"));
+    for (old, new) in [("eps", "step"), ("q", "sample")] {
+        let renamed = case.replace(&format!("\"{old}\""), &format!("\"{new}\""));
+        folder.write("case/case.toml", renamed.replace(&format!("{{ {old} "), &format!("{{ {new} ")));
+        folder.write("case/obs.txt", obs.replace(old, new));
+        folder.refuses("gl-check case", &[new, "cannot be an observable (-v) or the control (-c)"]);
+    }
+}

@@ -41,6 +41,9 @@ struct Args {
     /// Share of the runs that may have failed
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = not_negative)]
     max_failed: f64,
+    /// Write a table of no runs where all have failed
+    #[arg(long)]
+    allow_empty: bool,
     /// Relative difference up to which a run's parameters are the table's
     #[arg(long, value_name = "R", default_value_t = RTOL, value_parser = not_negative)]
     rtol: f64,
@@ -148,7 +151,10 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
     let Some((name, failure)) = failures.next() else { return Ok(()) };
     let failed = 1 + failures.count();
     note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
-    ensure!(failed < total, "all {total} runs failed; --status FILE lists the reason of each");
+    ensure!(
+        failed < total || args.allow_empty,
+        "all {total} runs failed; --status FILE lists the reason of each"
+    );
     ensure!(
         failed as f64 <= args.max_failed * total as f64,
         "{failed} of {total} runs failed, more than --max-failed {} allows; \

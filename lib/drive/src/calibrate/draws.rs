@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use gl_case::Posterior;
 use gl_table::verdict::Verdicts;
 
@@ -101,7 +101,11 @@ impl Iteration<'_> {
                 return self.fall_back("no emulator can be trained; emulator.log says why");
             }
         }
-        if let Some(unfit) = Verdicts::read(&verdict)?.find("emulator-unfit") {
+        let verdicts = Verdicts::read(&verdict)?;
+        if let Some(alike) = verdicts.find("runs-alike") {
+            bail!("{}: {}", self.folder.display(), alike.text);
+        }
+        if let Some(unfit) = verdicts.find("emulator-unfit") {
             return self.fall_back(&unfit.text);
         }
         copy(&self.file("posterior.txt"), &self.file("summary.txt"))?;

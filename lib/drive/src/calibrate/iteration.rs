@@ -6,6 +6,7 @@ use std::thread;
 
 use anyhow::{Result, bail, ensure};
 use gl_case::{Case, Engine, Posterior, Test};
+use gl_inference::collect::RunStatus;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 use gl_inference::summary::enough_runs;
@@ -191,7 +192,8 @@ impl<'a> Iteration<'a> {
                 return Ok(false);
             }
         }
-        collect(runner, case, test, &folder, Messages::Kept(&folder.join("collect.log")))?;
+        let earlier: Vec<PathBuf> = (0..self.number).map(|i| self.setting.folder_of(i, test)).collect();
+        collect(runner, case, test, &folder, &earlier, Messages::Kept(&folder.join("collect.log")))?;
         Ok(true)
     }
 
@@ -398,19 +400,46 @@ pub(crate) fn run(
     }
 }
 
-/// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`.
+/// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`; beside those of `earlier` folders, all of them may
+/// have failed.
 pub(crate) fn collect(
     runner: &Runner,
     case: &Case,
     test: &Test,
     folder: &Path,
+    earlier: &[PathBuf],
     messages: Messages<'_>,
 ) -> Result<()> {
-    let call = Call::new("gl-collect").flag("-s", folder.join("samples.txt"));
+    let mut call = Call::new("gl-collect").flag("-s", folder.join("samples.txt"));
+    if !earlier.is_empty() {
+        call = call.arg("--allow-empty");
+    }
     let call = simulated(call, test)
-        .option("--max-failed", Some(case.max_failed))
+        .option("--max-failed", Some(if earlier.is_empty() { case.max_failed } else { 1.0 }))
         .flag("--status", folder.join("status.txt"))
         .flag("-o", folder.join("ensemble.txt"))
         .arg(folder.join("runs"));
-    runner.must(&call, messages)
+    runner.must(&call, messages)?;
+    if !earlier.is_empty() {
+        not_too_many_failed(case, earlier, folder)?;
+    }
+    Ok(())
+}
+
+/// See to it that of all runs so far no more failed than the case allows: those that are asked for one by one may all lie
+/// where the simulation does not run, which the next ones keep away from.
+fn not_too_many_failed(case: &Case, earlier: &[PathBuf], newest: &Path) -> Result<()> {
+    let (mut all, mut failed) = (0, 0);
+    for folder in earlier.iter().map(PathBuf::as_path).chain([newest]) {
+        all += Samples::read(&folder.join("samples.txt"))?.len();
+        failed += RunStatus::failed(&folder.join("status.txt"))?.len();
+    }
+    ensure!(
+        failed as f64 <= case.max_failed * all as f64,
+        "{failed} of {all} runs so far failed, more than max_failed = {} allows; {} has the reason of each: narrow the bounds to \
+         where the simulation runs, or begin with more runs, num=…",
+        case.max_failed,
+        newest.join("status.txt").display()
+    );
+    Ok(())
 }

@@ -21,6 +21,12 @@ const REFERENCES: usize = 250;
 /// One run in so many is for the prior at large.
 const AT_LARGE: usize = 8;
 
+/// A run tells of others whether they fail as far as this, as a share of the prior's width, in each parameter.
+const ALIKE: f64 = 0.15;
+
+/// Runs that have not failed about every place, beforehand.
+const BEFOREHAND: f64 = 0.2;
+
 /// What a batch is chosen by.
 pub struct Choice<'a> {
     /// The emulator.
@@ -31,6 +37,8 @@ pub struct Choice<'a> {
     pub draws: &'a [Vec<f64>],
     /// Where the runs so far stand.
     pub runs: &'a [Vec<f64>],
+    /// Where samples stand that have no run: it failed.
+    pub failed: &'a [Vec<f64>],
     /// What an error of each score counts for, shape (components,).
     pub importance: Vec<f64>,
     /// What the emulator's variance is multiplied by.
@@ -40,17 +48,23 @@ pub struct Choice<'a> {
 impl Choice<'_> {
     /// `count` points in the space, the most useful first: where a run lowers the emulator's share of the
     /// variance of ln likelihood most, on average over the posterior, with the points before it taken as
-    /// known. One in eight is far from all runs.
+    /// known, times the chance that it does not fail. One in eight is far from all runs.
     ///
     /// # Errors
     /// If there are more parameters than a sequence has dimensions.
     pub fn next(&self, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        let (candidates, references) = self.places(count, &mut generator);
-        let mut ledger = Ledger::new(self, &candidates, &references);
-        let mut chosen: Vec<Vec<f64>> = Vec::with_capacity(count);
         let large = sequence::points(Method::Sobol, 256, self.space.len(), Some(seed))?;
         let large: Vec<Vec<f64>> = large.iter().map(|u| self.space.quantile(u)).collect();
+        let (mut candidates, references) = self.places(count, &mut generator);
+        if !self.failed.is_empty() {
+            // All draws may lie where runs fail.
+            candidates.extend(large.iter().cloned());
+        }
+        let mut ledger = Ledger::new(self, &candidates, &references);
+        let chances: Vec<f64> =
+            candidates.iter().map(|point| chance(point, self.runs, self.failed)).collect();
+        let mut chosen: Vec<Vec<f64>> = Vec::with_capacity(count);
         let phase = seed as usize % AT_LARGE;
         for place in 0..count {
             // With small batches, every so many batches.
@@ -63,7 +77,7 @@ impl Choice<'_> {
                 chosen.push(self.furthest(&large, &chosen));
                 continue;
             }
-            let best = ledger.best();
+            let best = ledger.best(&chances);
             ledger.take(best);
             chosen.push(candidates[best].clone());
         }
@@ -91,12 +105,11 @@ impl Choice<'_> {
         (candidates, some(REFERENCES, generator))
     }
 
-    /// The point that lies furthest from all runs and from those chosen.
+    /// The point that lies furthest from all runs, failed or not, and from those chosen.
     fn furthest(&self, points: &[Vec<f64>], chosen: &[Vec<f64>]) -> Vec<f64> {
         let room = |point: &Vec<f64>| {
-            let distance =
-                |other: &Vec<f64>| -> f64 { point.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum() };
-            self.runs.iter().chain(chosen).map(distance).fold(f64::INFINITY, f64::min)
+            let distance = |other: &Vec<f64>| square(point, other);
+            self.runs.iter().chain(self.failed).chain(chosen).map(distance).fold(f64::INFINITY, f64::min)
         };
         let mut best = (f64::NEG_INFINITY, &points[0]);
         for point in points {
@@ -107,6 +120,24 @@ impl Choice<'_> {
         }
         best.1.clone()
     }
+}
+
+/// The chance that a run does not fail at a point, by the places about it where runs are done and where they failed: 1 where
+/// none has failed.
+fn chance(point: &[f64], done: &[Vec<f64>], failed: &[Vec<f64>]) -> f64 {
+    let about = |places: &[Vec<f64>]| -> f64 { places.iter().map(|place| likeness(point, place)).sum() };
+    let done = BEFOREHAND + about(done);
+    done / (done + about(failed))
+}
+
+/// Square of the distance of two points of the unit cube.
+fn square(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+/// How much a run tells of another whether it fails: 1 at the same place, and little beyond [`ALIKE`].
+fn likeness(a: &[f64], b: &[f64]) -> f64 {
+    (-0.5 * square(a, b) / (a.len() as f64 * ALIKE * ALIKE)).exp()
 }
 
 /// What is not known of each score at candidates and references, given the runs and what was chosen.
@@ -153,8 +184,9 @@ impl Ledger {
         Self { components }
     }
 
-    /// The candidate that lowers Σ importance · variance over the references most.
-    fn best(&self) -> usize {
+    /// The candidate that lowers Σ importance · variance over the references most, times the chance of each, shape
+    /// (candidates,).
+    fn best(&self, chances: &[f64]) -> usize {
         let candidates = self.components.first().map_or(0, |component| component.own.ncols());
         let gain = |c: usize| -> f64 {
             let of = |component: &Component| {
@@ -164,8 +196,8 @@ impl Ledger {
             self.components.iter().map(of).sum()
         };
         let mut best = (f64::NEG_INFINITY, 0);
-        for c in 0..candidates {
-            let gain = gain(c);
+        for (c, chance) in chances.iter().enumerate().take(candidates) {
+            let gain = chance * gain(c);
             if gain > best.0 {
                 best = (gain, c);
             }
@@ -183,5 +215,26 @@ impl Ledger {
             component.cross.ger(-scale, &cross, &own, 1.0);
             component.own.ger(-scale, &own, &own, 1.0);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_not_wanted_where_those_about_a_place_fail() {
+        let done = vec![vec![0.1, 0.5], vec![0.3, 0.2], vec![0.4, 0.8]];
+        let failed = vec![vec![0.8, 0.4], vec![0.9, 0.7], vec![0.7, 0.6]];
+        let chance = |point: [f64; 2], failed: &[Vec<f64>]| chance(&point, &done, failed);
+        assert_eq!(chance([0.85, 0.5], &[]), 1.0);
+        assert!(chance([0.85, 0.5], &failed) < 0.2);
+        assert!(chance([0.15, 0.5], &failed) > 0.9);
+        let halfway = chance([0.55, 0.5], &failed);
+        assert!((0.3..0.7).contains(&halfway), "{halfway}");
+        // One that failed among many that did not is an accident.
+        let mut many = done.clone();
+        many.extend(vec![vec![0.8, 0.5]; 9]);
+        assert!(super::chance(&[0.8, 0.4], &many, &failed[..1]) > 0.8);
     }
 }

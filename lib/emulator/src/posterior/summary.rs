@@ -222,6 +222,10 @@ impl Inference {
     /// What a user should know before trusting the numbers.
     pub fn verdicts(&self, options: Options) -> Verdicts {
         let mut verdicts = Verdicts::default();
+        if self.are_alike {
+            let text = "all runs have the same curves, whatever their parameters: does the model use them?";
+            verdicts.add("runs-alike", self.runs.len(), text);
+        }
         self.say_of_correlation(options, &mut verdicts);
         self.say_of_noise(&mut verdicts);
         self.say_of_emulator(&mut verdicts);
@@ -264,7 +268,11 @@ impl Inference {
                 ),
             );
         }
-        if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_better()) {
+        // A model that misses, followed by noise that is correlated, fits better than white noise would.
+        let is_white = !self.correlated.contains(&true);
+        if let Some(ChiSquare { value, degrees, p }) =
+            self.chi_square.filter(|test| test.is_better() && is_white)
+        {
             verdicts.add(
                 "noise-too-large",
                 format!("{:.3}", (value / degrees).sqrt()),
