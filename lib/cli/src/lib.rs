@@ -205,15 +205,21 @@ pub fn note(tool: &str, message: impl std::fmt::Display) {
     let _ = writeln!(io::stderr(), "{tool}: {message}");
 }
 
-/// Say each conclusion on stderr, and write their table where it is wanted.
+/// Write the table of the conclusions where it is wanted, then the tool's own, which is read above them, and say each on
+/// stderr. A tool's own table is the last of its files, so that who finds it finds all of them.
 ///
 /// # Errors
-/// If the table cannot be written.
-pub fn conclude(tool: &str, verdicts: &Verdicts, path: Option<&Path>) -> Result<()> {
-    for verdict in &verdicts.rows {
-        note(tool, &verdict.text);
-    }
-    path.map_or(Ok(()), |path| verdicts.write(Some(path)))
+/// If a table cannot be written.
+pub fn conclude(
+    tool: &str,
+    verdicts: &Verdicts,
+    path: Option<&Path>,
+    own: impl FnOnce() -> Result<()>,
+) -> Result<()> {
+    path.map_or(Ok(()), |path| verdicts.write(Some(path)))?;
+    own()?;
+    verdicts.rows.iter().for_each(|verdict| note(tool, &verdict.text));
+    Ok(())
 }
 
 /// Refuse two outputs to one file, which would lose a table.

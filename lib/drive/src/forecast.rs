@@ -43,9 +43,20 @@ impl Plan<'_> {
         of(0) + (self.case.iterations - 1) * of(1)
     }
 
-    /// Runs of a diagnosis at the most: two calibrations and the design.
+    /// Runs of a diagnosis that goes as it mostly does, at the most: two calibrations and the design.
+    fn likely_diagnosis(&self) -> usize {
+        2 * self.calibration() + self.rounds().all
+    }
+
+    /// Runs of a diagnosis at the most: in wider boxes, a calibration beyond the prior, and further rounds, too.
     pub(crate) fn diagnosis(&self) -> usize {
-        2 * self.calibration() + runs_of_design(self.case, self.prior)
+        let rounds = self.rounds();
+        let further = if self.case.design_num.is_none() { rounds.most_further() } else { 0 };
+        self.likely_diagnosis() + rounds.most_wider() + self.calibration() + further
+    }
+
+    fn rounds(&self) -> Rounds {
+        Rounds { all: runs_of_design(self.case, self.prior) }
     }
 
     fn tests(&self) -> Vec<&str> {
@@ -59,7 +70,7 @@ impl Plan<'_> {
     pub(crate) fn forecast(&self, out: &Path, diagnosis: &Path, verdicts: &mut Verdicts) -> Result<()> {
         let [first, num] = [0, 1].map(|number| runs_of_iteration(self.case, self.prior, number));
         let begins = if first == num { String::new() } else { format!("{first} and then ") };
-        let (most, all) = (self.calibration(), self.diagnosis());
+        let (most, all) = (self.calibration(), self.likely_diagnosis());
         verdicts.add(
             "runs",
             most,
@@ -73,7 +84,7 @@ impl Plan<'_> {
         );
         let has_effects = !self.prior.effects().is_empty();
         if has_effects {
-            let design = Rounds { all: runs_of_design(self.case, self.prior) };
+            let design = self.rounds();
             let further = match self.case.design_num {
                 None => {
                     format!(", and {} more where too little is known of effects then", design.most_further())
@@ -81,10 +92,11 @@ impl Plan<'_> {
                 Some(_) => String::new(),
             };
             let text = format!(
-                "a diagnosis takes two calibrations and {} runs more: {all} at the most{}, and {} more where its box proves too narrow{further}",
+                "a diagnosis takes two calibrations and {} runs more: up to {all}{}, and {} more where its box proves too narrow, with another calibration where the prior does{further}: {} at the most",
                 design.all,
                 in_tests(self.case),
-                design.most_wider()
+                design.most_wider(),
+                self.diagnosis()
             );
             verdicts.add("runs-diagnosis", all, text);
         }

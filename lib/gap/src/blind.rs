@@ -7,7 +7,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
-use gl_table::{Table, TableWriter};
+use gl_table::TableWriter;
 
 /// Park and Miller's minimal standard generator: exact in floating point, so that any language can draw the
 /// same riddle.
@@ -183,22 +183,12 @@ fn widened_sd(deviations: &[Vec<f64>]) -> Vec<f64> {
     sd.iter().map(|sd| sd * widening).collect()
 }
 
-/// The first hypothesis of an attribution, and its probability.
-///
-/// # Errors
-/// If the table cannot be read as one, or is empty.
-pub fn first_hypothesis(attribution: &Table) -> Result<(String, f64)> {
-    let (name, probability) =
-        (attribution.format().column("hypothesis")?, attribution.format().column("probability")?);
-    ensure!(!attribution.is_empty(), "{}: no hypotheses", attribution.format().source());
-    Ok((attribution.field(0, name).to_owned(), attribution.number(0, probability)?))
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+    use gl_table::Table;
 
     /// The generator's own check: from 1 it comes to this after 10 000 numbers.
     #[test]

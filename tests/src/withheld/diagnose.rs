@@ -14,8 +14,9 @@ use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
-use gl_gap::attribute::rounds::{Before, POINTED, Rounds, Standing, WIDEST};
-use gl_gap::design_box::{self, Limit, widen};
+use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
+use gl_gap::attribute::winner::cause;
+use gl_gap::design_box::{self, Limit, goes_beyond, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
@@ -150,8 +151,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
     let noise = observations.noise(&ByName::default())?;
     let all = how.runs * shared.prior.parameters().len();
     let rounds = Rounds { all };
-    let (mut own, mut widened, mut pointed) = (None::<Design>, 0, 0);
-    let mut before = Before::default();
+    let mut own = None::<Design>;
+    let mut course = Course::new(rounds, None);
     let diagnosed = |design: &Design| -> Result<(Verdict, Standing)> {
         let world =
             how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
@@ -160,10 +161,10 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             problem(bench, predictor, &design.prior, &candidates, observations)?.believing(&shared.prior);
         let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
-        let explanations = &diagnosis.attribution.explanations;
-        let closes = named.map(|named| shrink(&problem, explanations, named, how.seed)).transpose()?;
+        let base = diagnosis.attribution.base();
+        let closes = named.map(|named| shrink(&problem, base, named, how.seed)).transpose()?;
         let standing = Standing {
-            cause: cause(&diagnosis.first().name),
+            cause: cause(&diagnosis.first().name).to_owned(),
             probability: diagnosis.stated(),
             ignorance: diagnosis.least_known(),
             is_untried: !diagnosis.untried.is_empty(),
@@ -171,42 +172,42 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))
     };
-    for round in 1.. {
+    let mut round = 1;
+    loop {
         let design = own.as_ref().unwrap_or(shared);
         let (found, now) = diagnosed(design)?;
+        if !how.in_rounds {
+            return Ok(found);
+        }
         let leans: Vec<design_box::Lean> = found.0.leans.iter().map(design_box::Lean::from).collect();
         let wider = widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?;
-        let (prior, values) = match wider.filter(|_| how.in_rounds && widened < WIDEST) {
-            Some(wider) => {
-                widened += 1;
-                before.widen(now);
+        let how_far = |wider: &Prior| -> Result<Wider> {
+            let is_beyond = goes_beyond(&shared.prior, &design.prior, wider)?;
+            Ok(if is_beyond { Wider::Beyond } else { Wider::Within })
+        };
+        let how_far = wider.as_ref().map(how_far).transpose()?;
+        let count = course.pointed();
+        let (prior, values) = match (course.next(now, how_far), wider) {
+            (Step::Widen, Some(wider)) => {
                 let seed = how.seed + round as u64;
                 let values =
                     design::draw(&wider, &Effects::Switch, Method::Halton, rounds.wider(), seed, true)?;
                 (wider, values)
             }
-            None if !how.in_rounds
-                || pointed >= POINTED && !now.asks_for_further(pointed)
-                || before.settles(&now) =>
-            {
-                return Ok(found);
-            }
-            None => {
-                before.point(now);
+            (Step::Point | Step::Further, _) => {
                 let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?
                     .believing(&shared.prior);
-                let count = rounds.pointed(pointed);
-                pointed += 1;
                 let diagnosis = &found.0;
                 let explanations = &diagnosis.attribution.explanations;
                 let runs = next_runs(&problem, explanations, &diagnosis.untried, count, how.seed)?;
                 (design.prior.clone(), runs)
             }
+            (Step::Widen | Step::End, _) => return Ok(found),
         };
         let specimens = specimens + 10_000 * (round as u64 - 1);
         own = Some(design.with_runs(bench, (prior, values), noise.as_ref(), (round, specimens))?);
+        round += 1;
     }
-    unreachable!("rounds end by themselves")
 }
 
 fn problem<'a>(
@@ -241,13 +242,13 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &columns)?;
     for (row, (diagnosis, closes, is_wider, runs)) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
-        table.text(list.field(row, 0)).text(&cause(&first.name));
+        table.text(list.field(row, 0)).text(cause(&first.name));
         table.numbers(&[diagnosis.stated()]);
         table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
         table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
-        let nearest = attribution.nearest().map_or_else(|| "none".to_owned(), |of| cause(&of.name));
-        table.text(&nearest).text(&diagnosis.rows[0].confounded.join(","));
+        let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));
+        table.text(nearest).text(&diagnosis.rows[0].confounded.join(","));
         let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =
@@ -275,9 +276,4 @@ fn look(of: &Explanation) -> String {
         of.ruled_out.map_or("", |why| why.word()),
         if of.has_more_noise { " more-noise" } else { "" }
     )
-}
-
-/// What is named as the cause, with a rest or without: `none`, effects, or `unexplained`.
-fn cause(name: &str) -> String {
-    name.strip_suffix("+unexplained").unwrap_or(name).to_owned()
 }

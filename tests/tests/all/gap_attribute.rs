@@ -122,6 +122,17 @@ fn the_effect_that_is_in_comes_first_and_no_effect_where_there_is_none() {
 }
 
 #[test]
+fn who_finds_the_table_finds_all_that_was_to_be_written() {
+    let case = Case::new(40, &Effects::Switch, &[1.4, 0.9, 0.0], 0.0);
+    for option in ["--verdict", "--effects-out", "--predict-shrink", "--curves-out", "--next-out"] {
+        case.refused(&[&NOISE[..], &["-o", "table.txt", option, "missing/file.txt"]].concat(), &["missing"]);
+        assert!(!case.path("table.txt").exists(), "{option}");
+        case.refused(&[&NOISE[..], &["-o", "table.txt", option, "table.txt"]].concat(), &["two outputs"]);
+        assert!(!case.path("table.txt").exists(), "{option}");
+    }
+}
+
+#[test]
 fn what_is_no_candidate_is_unexplained() {
     let wavy = Case::new(75, &Effects::Switch, &[1.4, 0.0, 0.0], 0.1);
     let rows = wavy.rows(&NOISE);

@@ -220,8 +220,10 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     let said = folder.run("gl-check case");
     assert!(
         said.contains(
-            "a diagnosis takes two calibrations and 50 runs more: 114 at the most, each in 2 tests, and 40 more where its box proves too narrow"
-        )
+            "a diagnosis takes two calibrations and 50 runs more: up to 114, each in 2 tests, and 40 more where its box proves too narrow, \
+             with another calibration where the prior does: 186 at the most"
+        ),
+        "{said}"
     );
     folder.run("gl-diagnose case --out out");
     assert_eq!(folder.texts("out/attribution.txt", "hypothesis")[0], "bending");

@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use clap::{Parser, Subcommand};
-use gl_gap::blind::{Measurement, effects_of, first_hypothesis, hidden, strengths, truth};
+use gl_gap::attribute::winner::most_probable;
+use gl_gap::blind::{Measurement, effects_of, hidden, strengths, truth};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
@@ -144,7 +145,7 @@ fn run(args: &Args) -> Result<bool> {
                 bail!("--right {}: no such effect in {}", other.effect, params.display());
             }
             let truth = hidden(&prior, &Samples::read(answer)?)?;
-            let (first, probability) = first_hypothesis(&Table::read(attribution)?)?;
+            let (first, probability) = most_probable(&Table::read(attribution)?)?;
             let effects = effects_of(&prior, &truth);
             let mut table =
                 TableWriter::create(output.as_deref(), &["truth", "strength", "first", "probability"])?;
@@ -153,7 +154,7 @@ fn run(args: &Args) -> Result<bool> {
             table.finish()?;
             let expected = right.iter().find(|right| right.effect == effects);
             let expected = expected.map_or(&effects, |right| &right.hypothesis);
-            return Ok(first.strip_suffix("+unexplained").unwrap_or(&first) == expected);
+            return Ok(first == *expected);
         }
     }
     Ok(true)

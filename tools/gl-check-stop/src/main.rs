@@ -68,9 +68,10 @@ fn run(args: &Args) -> Result<bool> {
         Some(path) => Previous::Iteration(Box::new(Summary::read(path)?)),
     };
     let criteria = criteria(&summary, &tolerances, args.iteration, &previous)?;
-    write_rows(args.output.as_deref(), &criteria)?;
     let verdicts = verdicts(&summary, &criteria);
-    conclude("gl-check-stop", &verdicts, args.verdict.as_deref())?;
+    conclude("gl-check-stop", &verdicts, args.verdict.as_deref(), || {
+        write_rows(args.output.as_deref(), &criteria)
+    })?;
     Ok(verdicts.find("stop").is_some())
 }
 

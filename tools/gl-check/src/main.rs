@@ -32,7 +32,7 @@ Example:
   gl-check my-case num=50";
 
 fn run(args: &Args) -> Result<()> {
-    conclude("gl-check", &check_case(&args.request)?, args.verdict.as_deref())
+    conclude("gl-check", &check_case(&args.request)?, args.verdict.as_deref(), || Ok(()))
 }
 
 fn main() -> ExitCode {

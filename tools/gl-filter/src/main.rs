@@ -157,7 +157,6 @@ fn run(args: &Args) -> Result<()> {
         summary.sigma_min = Some(sigma);
     }
     summary.sigma_tol = args.sigma_tol;
-    conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref())?;
     let course = Course {
         misfits: &misfits,
         runs: &runs,
@@ -166,7 +165,7 @@ fn run(args: &Args) -> Result<()> {
         parameters: &samples.parameters,
         values: &values,
     };
-    write(args, &course, &summary)
+    conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref(), || write(args, &course, &summary))
 }
 
 /// See to it that what has no misfit has failed, where it is known what has.

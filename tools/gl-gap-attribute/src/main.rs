@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
-use gl_gap::attribute::attribution::{Explanation, RuledOut};
+use gl_gap::attribute::attribution::{Attribution, Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
 use gl_gap::attribute::draws::{Drawn, draws};
 use gl_gap::attribute::marginals::{Marginal, marginals};
@@ -176,6 +176,10 @@ fn run(args: &Args) -> Result<()> {
         let name = format!("{kind:?}").to_lowercase();
         ensure!(is_new, "--measurement: {name} is given twice; give each effect of the measurement once");
     }
+    let outputs =
+        [&args.output, &args.effects_out, &args.predict_shrink, &args.posterior_out, &args.rest_out];
+    let more = [&args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
+    gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
     let prior = Prior::read(&args.params)?;
@@ -203,7 +207,6 @@ fn run(args: &Args) -> Result<()> {
         problem = problem.believing(believed);
     }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
-    write(args.output.as_deref(), &diagnosis)?;
     if let Some(path) = &args.effects_out {
         write_effects(path, &diagnosis)?;
     }
@@ -229,7 +232,9 @@ fn run(args: &Args) -> Result<()> {
     }
     let believed = believed.as_ref().map(|(prior, path)| (prior, path.as_str()));
     let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), believed, args.seed)?;
-    gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref())?;
+    gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref(), || {
+        write(args.output.as_deref(), &diagnosis)
+    })?;
     if let Some(count) = args.self_check {
         let noise = diagnosis::noise(&problem, &diagnosis);
         let design = Design {
@@ -278,9 +283,9 @@ fn write_effects(path: &Path, diagnosis: &Diagnosis) -> Result<()> {
 fn write_shrink(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let columns = ["hypothesis", "shrink", "shrink_low", "shrink_high"];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    let explanations = &diagnosis.attribution.explanations;
+    let Attribution { explanations } = &diagnosis.attribution;
     for of in explanations.iter().filter(|of| of.probability >= LIKELY && of.is_cause()) {
-        let shrink = diagnosis::shrink(problem, explanations, of, seed)?;
+        let shrink = diagnosis::shrink(problem, diagnosis.attribution.base(), of, seed)?;
         table.text(&of.name).numbers(&[shrink.median, shrink.low, shrink.high]).end_row()?;
     }
     table.finish()
@@ -319,7 +324,8 @@ fn write_rest(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Resu
 fn said(diagnosis: &Diagnosis) -> impl Iterator<Item = &Explanation> {
     let all = &diagnosis.attribution.explanations;
     let nearest = all.iter().filter(|of| of.is_cause() && !of.has_rest).take(NEAREST);
-    let nearest: Vec<&str> = nearest.chain([diagnosis.base()]).map(|of| of.name.as_str()).collect();
+    let nearest: Vec<&str> =
+        nearest.chain([diagnosis.attribution.base()]).map(|of| of.name.as_str()).collect();
     all.iter().filter(move |of| of.probability >= LIKELY || nearest.contains(&of.name.as_str()))
 }
 

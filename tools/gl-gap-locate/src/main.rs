@@ -47,6 +47,7 @@ Example (the measurement rises by 1 halfway, the one run does not):
   gl-gap-locate -b obs.txt -c e -v q -w weights.tsv --noise q=0.1 runs.tsv";
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
     let weights = Weights::read(&args.weights)?;
     let of_runs = weights.of_runs(&parts[0].ensemble)?;
@@ -60,12 +61,14 @@ fn run(args: &Args) -> Result<()> {
         })
         .collect();
     let located = locate_tests(&tests, weights.varying(), args.seed)?;
-    write(args.output.as_deref(), &parts, &located)?;
     let fit = fits_tests(&tests, weights.varying())?;
     let told = parts.iter().zip(&located);
     let told: Vec<_> =
         told.map(|(part, found)| (part.name.as_str(), &part.observations, found.as_slice())).collect();
-    gl_cli::conclude("gl-gap-locate", &verdict_of_tests(&told, &fit), args.verdict.as_deref())
+    let verdicts = verdict_of_tests(&told, &fit);
+    gl_cli::conclude("gl-gap-locate", &verdicts, args.verdict.as_deref(), || {
+        write(args.output.as_deref(), &parts, &located)
+    })
 }
 
 fn write(path: Option<&Path>, parts: &[Part], located: &[Vec<Stretch>]) -> Result<()> {

@@ -113,6 +113,7 @@ impl Tables {
 }
 
 fn run(args: &Args) -> Result<()> {
+    gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let measurement = args.measured.read()?;
     let (parts, before) = args.before.read(&measurement)?;
     let (_, after) = args.after.read(&measurement)?;
@@ -139,10 +140,11 @@ fn run(args: &Args) -> Result<()> {
         })
         .collect();
     let shrinks = shrink(&compared, args.scatter, args.seed)?;
-    write(args.output.as_deref(), &shrinks, &names)?;
     let mut verdicts = shrinks.last().map(|all| verdict(all, args.calibrated.is_some())).unwrap_or_default();
     add_observables(&mut verdicts, &shrinks, &names);
-    gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref())
+    gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref(), || {
+        write(args.output.as_deref(), &shrinks, &names)
+    })
 }
 
 fn unseen(args: &Args, steps: usize) -> Result<Option<Vec<usize>>> {

@@ -8,6 +8,7 @@ use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Color, Paint, Rect, Scene, color};
+use gl_gap::attribute::winner::cause;
 use gl_gap::locate::named;
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::stack::{Stack, Test, TestTables};
@@ -261,11 +262,11 @@ fn chosen(all: Vec<Hypothesis>, most: usize) -> Vec<Hypothesis> {
     let (base, mut others): (Vec<_>, Vec<_>) = all.into_iter().partition(|of| of.name == "none");
     others.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     // The same effects with a rest have nearly the same curve.
-    let effects = |name: &str| name.strip_suffix("+unexplained").unwrap_or(name).to_owned();
     let mut shown: Vec<String> = Vec::new();
     others.retain(|of| {
-        let is_new = !shown.contains(&effects(&of.name));
-        shown.push(effects(&of.name));
+        let cause = cause(&of.name).to_owned();
+        let is_new = !shown.contains(&cause);
+        shown.push(cause);
         is_new
     });
     others.truncate(most);

@@ -165,8 +165,9 @@ fn run(args: &Args) -> Result<()> {
             verdicts.rows.extend(loo::verdicts(&readings, inference.is_noise_restated()).rows);
         }
     }
-    gl_cli::conclude("gl-posterior", &verdicts, args.verdict.as_deref())?;
-    inference.weights().write(args.output.as_deref())
+    gl_cli::conclude("gl-posterior", &verdicts, args.verdict.as_deref(), || {
+        inference.weights().write(args.output.as_deref())
+    })
 }
 
 /// What an unknown noise is a share of, as gl-likelihood has it, shape (observables, steps).

@@ -167,8 +167,7 @@ fn run(args: &Args) -> Result<()> {
     if !args.plan.is_empty() {
         plan(args, &told, &space, &emulate, &mut verdicts)?;
     }
-    gl_cli::conclude("gl-sensitivity", &verdicts, args.verdict.as_deref())?;
-    table.finish()
+    gl_cli::conclude("gl-sensitivity", &verdicts, args.verdict.as_deref(), || table.finish())
 }
 
 /// The runs of each test; of one without a name where none is given.
@@ -331,8 +330,7 @@ fn odds(
         );
         verdicts.add("tells-apart", &plan.name, text);
     }
-    gl_cli::conclude("gl-sensitivity", &verdicts, args.verdict.as_deref())?;
-    table.finish()
+    gl_cli::conclude("gl-sensitivity", &verdicts, args.verdict.as_deref(), || table.finish())
 }
 
 /// What each planned test would leave.

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::Test;
 use gl_case::folders::BASE;
-use gl_gap::attribute::rounds::{Before, POINTED, Rounds, Standing, WIDEST};
+use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
 use gl_gap::design_box::{goes_beyond, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
@@ -28,12 +28,8 @@ use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
-/// How often the box was made wider.
-#[derive(Default)]
-struct Widened {
-    within: usize,
-    beyond: usize,
-}
+/// The wider box of a round, beside its own.
+const WIDER_BOX: &str = "wider.txt";
 
 impl Diagnosis<'_> {
     /// Run the design round by round, and attribute the gap by all of it.
@@ -42,39 +38,39 @@ impl Diagnosis<'_> {
         if is_current(&attribution, &[self.file("base/posterior.txt")])? {
             return Ok(Progress::Finished);
         }
-        let (mut widened, mut is_wider, mut pointed) = (Widened::default(), false, 0);
         // By a `design_num` that is larger than it was, a design that had ended goes on.
-        let mut left = self.case.design_num.unwrap_or(0);
-        let mut before = Before::default();
-        for number in 0.. {
-            let round = Round { diagnosis: self, number, folder: self.round(number), pointed, left };
+        let mut course = Course::new(self.rounds()?, self.case.design_num);
+        let mut number = 0;
+        loop {
+            let round = Round { diagnosis: self, number, folder: self.round(number) };
             if round.make()? == Progress::InQueue {
                 return Ok(Progress::InQueue);
             }
-            if !is_wider {
-                left = left.saturating_sub(round.len()?);
-            }
-            let now = round.standing()?;
-            let is_all = pointed >= POINTED && left == 0;
-            let goes_on = is_all && self.case.design_num.is_none() && now.asks_for_further(pointed);
-            is_wider = self.widen(&round.folder, number, &mut widened)?;
-            if is_wider {
-                before.widen(now);
-            } else if is_all && !goes_on || before.settles(&now) {
-                return self.conclude(&round.folder);
-            } else {
-                if goes_on {
+            course.made(round.len()?);
+            round.attribute(course.pointed())?;
+            match course.next(round.standing()?, self.wider(&round.folder)?) {
+                Step::End => return self.conclude(&round.folder),
+                Step::Widen => {
                     gl_cli::note(
                         "gl-diagnose",
-                        "too little is known of some effects to rule them out: further runs are made there",
+                        "a hypothesis leans on the box of the base parameters, which is made wider",
                     );
+                    let next = self.round(number + 1);
+                    make_folder(&next)?;
+                    copy(&round.file(WIDER_BOX), &next.join("params.txt"))?;
                 }
-                self.point(&round.folder, number + 1)?;
-                pointed += 1;
-                before.point(now);
+                step => {
+                    if step == Step::Further {
+                        gl_cli::note(
+                            "gl-diagnose",
+                            "too little is known of some effects to rule them out: further runs are made there",
+                        );
+                    }
+                    self.point(&round.folder, number + 1)?;
+                }
             }
+            number += 1;
         }
-        unreachable!("rounds end by themselves")
     }
 
     /// The samples of the next round are those that this one asks for.
@@ -94,9 +90,9 @@ impl Diagnosis<'_> {
         self.file(&format!("design/round{number}"))
     }
 
-    /// Make the box of the next round wider, where a hypothesis leans on it and it was not made so too often: whether it is.
-    fn widen(&self, round: &Path, number: usize, widened: &mut Widened) -> Result<bool> {
-        let wider = round.join("wider.txt");
+    /// How far the box of a round would be made wider, where a hypothesis leans on it; the wider one is beside it then.
+    fn wider(&self, round: &Path) -> Result<Option<Wider>> {
+        let wider = round.join(WIDER_BOX);
         let call = Call::new("gl-box")
             .arg("widen")
             .flag("-p", self.case.params())
@@ -105,24 +101,12 @@ impl Diagnosis<'_> {
             .flag("-o", &wider)
             .arg(round.join("posterior.txt"));
         if self.runner.call(&call, Messages::Shown)? == 1 {
-            return Ok(false);
+            return Ok(None);
         }
         let [prior, own, next] =
-            [self.case.params(), round.join("params.txt"), wider.clone()].map(|table| Prior::read(&table));
+            [self.case.params(), round.join("params.txt"), wider].map(|table| Prior::read(&table));
         let is_beyond = goes_beyond(&prior?, &own?, &next?)?;
-        let times = if is_beyond { &mut widened.beyond } else { &mut widened.within };
-        if *times == WIDEST {
-            return Ok(false);
-        }
-        *times += 1;
-        gl_cli::note(
-            "gl-diagnose",
-            "a hypothesis leans on the box of the base parameters, which is made wider",
-        );
-        let next = self.round(number + 1);
-        make_folder(&next)?;
-        copy(&wider, &next.join("params.txt"))?;
-        Ok(true)
+        Ok(Some(if is_beyond { Wider::Beyond } else { Wider::Within }))
     }
 
     /// What the last round says is the attribution; its words come last, so that they stand for all of it.
@@ -180,10 +164,6 @@ struct Round<'a> {
     diagnosis: &'a Diagnosis<'a>,
     number: usize,
     folder: PathBuf,
-    /// Rounds before it that were made where the hypotheses point.
-    pointed: usize,
-    /// Runs that `design_num` leaves beside those of the rounds before it, in wider boxes not counted; 0 if absent.
-    left: usize,
 }
 
 impl Round<'_> {
@@ -195,7 +175,6 @@ impl Round<'_> {
         }
         self.gather()?;
         self.trim()?;
-        self.attribute()?;
         Ok(Progress::Finished)
     }
 
@@ -208,16 +187,11 @@ impl Round<'_> {
         Ok(Samples::read(&self.file("samples.txt"))?.len())
     }
 
-    /// Number of runs that the next round has, if it is one that this one points to.
-    fn next(&self) -> Result<usize> {
+    /// Number of runs of the next round, if that is made already; runs that are made stay as
+    /// they are where a design grows.
+    fn made_next(&self) -> Result<Option<usize>> {
         let there = self.diagnosis.round(self.number + 1).join("samples.txt");
-        if there.exists() {
-            // Runs that are made stay as they are where a design grows.
-            return Ok(Samples::read(&there)?.len());
-        }
-        let left = self.left.saturating_sub(self.len()?);
-        let is_more = self.pointed >= POINTED && left > 0;
-        Ok(if is_more { left } else { self.diagnosis.rounds()?.pointed(self.pointed) })
+        there.exists().then(|| Ok(Samples::read(&there)?.len())).transpose()
     }
 
     /// What it says.
@@ -296,7 +270,9 @@ impl Round<'_> {
         if !run(runner, case, (engine, &own), &samples, &folder.join("runs"), wait)? {
             return Ok(false);
         }
-        collect(runner, case, test, &folder, Messages::Shown)?;
+        let earlier: Vec<PathBuf> =
+            (0..self.number).map(|number| within(&self.diagnosis.round(number), test)).collect();
+        collect(runner, case, test, &folder, &earlier, Messages::Shown)?;
         Ok(true)
     }
 
@@ -408,8 +384,8 @@ impl Round<'_> {
         Ok(failed)
     }
 
-    /// Which effect explains the gap, by all runs so far, and which runs would say more.
-    fn attribute(&self) -> Result<()> {
+    /// Which effect explains the gap, by all runs so far, and which runs would say more: so many, unless they are made.
+    fn attribute(&self, next: usize) -> Result<()> {
         let target = self.file("attribution.txt");
         let case = self.diagnosis.case;
         let all: Vec<PathBuf> = case.tests.iter().map(|test| self.all_of(test)).collect();
@@ -428,7 +404,7 @@ impl Round<'_> {
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
-            .option("--next", Some(self.next()?))
+            .option("--next", Some(self.made_next()?.unwrap_or(next)))
             .flag("--name", format!("{}-design", case.name))
             .option("--iteration", Some(self.number + 1))
             .option("--threads", case.threads)
@@ -452,7 +428,7 @@ impl Diagnosis<'_> {
         if self.case.design_num.is_some() {
             return Ok(0);
         }
-        let first = Round { diagnosis: self, number: 0, folder: self.round(0), pointed: 0, left: 0 };
+        let first = Round { diagnosis: self, number: 0, folder: self.round(0) };
         let there = first.in_box(&first.folders(false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
     }

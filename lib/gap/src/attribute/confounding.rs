@@ -46,10 +46,8 @@ pub(super) struct Curve {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<Vec<usize>>> {
-    let base = explanations
-        .iter()
-        .position(|explanation| explanation.hypothesis.is_empty() && !explanation.has_rest)
-        .context("no hypothesis without an effect")?;
+    let base =
+        explanations.iter().position(Explanation::is_base).context("no hypothesis without an effect")?;
     let is_alive = |place: usize| explanations[place].probability >= ALIVE;
     let curves: Vec<Option<Curve>> = (0..explanations.len())
         .map(|place| (place == base || is_alive(place)).then(|| curve(problem, &explanations[place])))

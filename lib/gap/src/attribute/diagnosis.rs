@@ -139,32 +139,18 @@ pub struct Diagnosis {
 impl Diagnosis {
     /// The most probable explanation.
     pub fn first(&self) -> &Explanation {
-        &self.attribution.explanations[0]
-    }
-
-    /// The base model, and nothing else.
-    pub fn base(&self) -> &Explanation {
-        let explanations = &self.attribution.explanations;
-        let is_base = |of: &&Explanation| of.hypothesis.is_empty() && !of.has_rest;
-        explanations.iter().find(is_base).unwrap_or(&explanations[0])
+        self.attribution.first()
     }
 
     /// Probability of what comes first: of its effects, with a rest and without.
     pub fn stated(&self) -> f64 {
-        let first = self.first();
-        if first.is_cause() { self.probability_of(&first.hypothesis) } else { first.probability }
+        self.attribution.probability_of(self.first())
     }
 
     /// The most that the emulator does not know where the first explanation fits best, or an untried effect, in units of
     /// noise and scatter.
     pub fn least_known(&self) -> f64 {
         self.untried.iter().fold(self.ignorance, |most, of| most.max(of.ignorance))
-    }
-
-    /// Probability of the same effects with a rest and without, which is what is said of them.
-    pub fn probability_of(&self, hypothesis: &[usize]) -> f64 {
-        let same = self.attribution.explanations.iter().filter(|of| of.hypothesis == hypothesis);
-        together(same.map(|of| of.probability))
     }
 }
 
@@ -181,9 +167,8 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
     let attribution = attribute(problem, largest, seed)?;
     let explanations = &attribution.explanations;
     let confounded = confounded(problem, explanations)?;
-    let floor = floor(problem, &explanations[0])?;
-    let base = explanations.iter().find(|of| of.hypothesis.is_empty() && !of.has_rest);
-    let before = base.map_or(f64::NAN, |base| closure::gap(problem, &base.evidence.mean));
+    let floor = floor(problem, attribution.first())?;
+    let before = closure::gap(problem, &attribution.base().evidence.mean);
     let row = |(explanation, confounded): (&Explanation, &Vec<usize>)| {
         let gap = closure::gap(problem, &explanation.evidence.mean);
         Row {
@@ -209,7 +194,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         })
         .collect();
     let leans = leans(problem, explanations)?;
-    let ignorance = ignorance(problem, &explanations[0]);
+    let ignorance = ignorance(problem, attribution.first());
     let untried = untried(problem, explanations);
     Ok(Diagnosis { rows, effects, attribution, floor, leans, ignorance, untried })
 }
@@ -219,18 +204,11 @@ fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
     closure::floor(&model, &explanation.best()[..model.len()])
 }
 
-/// Predict how far the gap shrinks once the effects of an explanation are in the simulation.
+/// Predict how far the gap of the base model shrinks once the effects of an explanation are in the simulation.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
-pub fn shrink(
-    problem: &Problem<'_>,
-    explanations: &[Explanation],
-    of: &Explanation,
-    seed: u64,
-) -> Result<Shrink> {
-    let is_base = |of: &&Explanation| of.hypothesis.is_empty() && !of.has_rest;
-    let base = explanations.iter().find(is_base).unwrap_or(of);
+pub fn shrink(problem: &Problem<'_>, base: &Explanation, of: &Explanation, seed: u64) -> Result<Shrink> {
     let (before, after) = (base.model(problem), of.model(problem));
     let before = Fitted { model: &before, mode: &base.evidence.modes[0], mean: &base.evidence.mean };
     let after = Fitted { model: &after, mode: &of.evidence.modes[0], mean: &of.evidence.mean };

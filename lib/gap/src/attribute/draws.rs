@@ -22,7 +22,7 @@ pub struct Drawn {
 /// does not say what it would do in another test.
 pub fn draws(problem: &Problem<'_>, explanations: &[Explanation], least: f64, count: usize) -> Vec<Drawn> {
     let mut all: Vec<(&Explanation, f64)> = Vec::new();
-    for of in explanations.iter().filter(|of| of.is_cause() || !of.has_rest) {
+    for of in explanations.iter().filter(|of| !of.is_unknown()) {
         match all.iter_mut().find(|(other, _)| other.hypothesis == of.hypothesis) {
             Some((better, sum)) => {
                 *sum += of.probability;

@@ -157,7 +157,7 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
             |t: usize| if control[(t + 1).min(last)] >= control[(t + 1).min(last) - 1] { 1.0 } else { -1.0 };
         add(
             "the branch (rising or falling)",
-            "plasticity of contacts, or friction of walls or piston,",
+            "plasticity of contacts, or friction of walls or piston",
             (0..steps).map(way).collect(),
         );
         let since_turn = |t: usize| {

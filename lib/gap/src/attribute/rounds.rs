@@ -18,14 +18,14 @@ pub struct Rounds {
 }
 
 /// Rounds that are made where the hypotheses put the parameters.
-pub const POINTED: usize = 3;
+const POINTED: usize = 3;
 
 /// Rounds that follow where effects are left of which the emulator knows too little, and the case does not say how many runs
 /// the design may have.
 const FURTHER: usize = 2;
 
 /// The box is made wider so often at the most: within the prior, and beyond it.
-pub const WIDEST: usize = 2;
+const WIDEST: usize = 2;
 
 impl Rounds {
     /// Runs of the first round, all over the box: two fifths.
@@ -94,7 +94,7 @@ impl Standing {
 
     /// Whether further runs are to be made after so many pointed rounds, where all runs are made that a design has by
     /// itself.
-    pub fn asks_for_further(&self, pointed: usize) -> bool {
+    fn asks_for_further(&self, pointed: usize) -> bool {
         self.is_untried && pointed < POINTED + FURTHER
     }
 
@@ -107,25 +107,87 @@ impl Standing {
     }
 }
 
-/// What the round before said, if what this one says can be held against it.
-#[derive(Clone, Debug, Default)]
-pub struct Before(Option<Standing>);
+/// What follows a round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A round in the wider box.
+    Widen,
+    /// A round where the hypotheses put the parameters.
+    Point,
+    /// The same beyond the runs that a design has by itself, since too little is known of some effects.
+    Further,
+    /// Nothing: this round has said it.
+    End,
+}
 
-impl Before {
-    /// Whether further runs are unlikely to change what is said.
-    pub fn settles(&self, now: &Standing) -> bool {
-        self.0.as_ref().is_some_and(|before| now.is_settled_since(before))
+/// How far a box that a hypothesis leans on would be made wider.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wider {
+    /// Within the prior.
+    Within,
+    /// Beyond it.
+    Beyond,
+}
+
+/// The way of a design from round to round.
+#[derive(Clone, Debug)]
+pub struct Course {
+    rounds: Rounds,
+    /// What the round before said, if what this one says can be held against it.
+    before: Option<Standing>,
+    /// Pointed rounds so far.
+    pointed: usize,
+    /// How often the box was made wider, within the prior and beyond it.
+    widened: [usize; 2],
+    is_wider: bool,
+    /// Runs that are left of those that were asked for, in wider boxes not counted; nothing where their number is not given.
+    left: Option<usize>,
+}
+
+impl Course {
+    /// The way of a design of these rounds; `asked` is the number of its runs where that is given, and not to be exceeded
+    /// but in wider boxes.
+    pub fn new(rounds: Rounds, asked: Option<usize>) -> Self {
+        Self { rounds, before: None, pointed: 0, widened: [0; 2], is_wider: false, left: asked }
     }
 
-    /// A pointed round follows.
-    pub fn point(&mut self, now: Standing) {
-        self.0 = Some(now);
+    /// A round of so many runs is made.
+    pub fn made(&mut self, runs: usize) {
+        if !self.is_wider {
+            self.left = self.left.map(|left| left.saturating_sub(runs));
+        }
     }
 
-    /// A round in a wider box follows. It shows the cause anew, but has no runs where the hypotheses put the parameters: it
-    /// settles nothing before a pointed round was made.
-    pub fn widen(&mut self, now: Standing) {
-        self.0 = self.0.take().and(Some(now));
+    /// Number of runs of the next round, should it be a pointed one: what is left of a larger number than a design had
+    /// that was ended comes at once.
+    pub fn pointed(&self) -> usize {
+        match self.left {
+            Some(left) if left > 0 && self.pointed >= POINTED => left,
+            _ => self.rounds.pointed(self.pointed),
+        }
+    }
+
+    /// What follows a round that says this, and after which the box would be made wider so far, if at all.
+    ///
+    /// A round in a wider box shows the cause anew, but has no runs where the hypotheses put the parameters: it settles
+    /// nothing before a pointed round was made.
+    pub fn next(&mut self, now: Standing, wider: Option<Wider>) -> Step {
+        let times = wider.map(|wider| &mut self.widened[wider as usize]).filter(|times| **times < WIDEST);
+        self.is_wider = times.is_some();
+        if let Some(times) = times {
+            *times += 1;
+            self.before = self.before.take().and(Some(now));
+            return Step::Widen;
+        }
+        let is_all = self.pointed >= POINTED && self.left.unwrap_or(0) == 0;
+        let goes_on = is_all && self.left.is_none() && now.asks_for_further(self.pointed);
+        let is_settled = self.before.as_ref().is_some_and(|before| now.is_settled_since(before));
+        if is_all && !goes_on || is_settled {
+            return Step::End;
+        }
+        self.pointed += 1;
+        self.before = Some(now);
+        if goes_on { Step::Further } else { Step::Point }
     }
 }
 
@@ -164,18 +226,74 @@ mod tests {
         Standing { cause: cause.into(), probability, ignorance, is_untried: false }
     }
 
+    /// What follows rounds that say this, the box leant on in the first of them.
+    fn steps(asked: Option<usize>, said: &[(Standing, Option<Wider>)]) -> Vec<Step> {
+        let mut course = Course::new(Rounds { all: 100 }, asked);
+        let mut runs = 40;
+        let step = |(now, wider): &(Standing, Option<Wider>)| {
+            course.made(runs);
+            runs = course.pointed();
+            course.next(now.clone(), *wider)
+        };
+        said.iter().map(step).collect()
+    }
+
     #[test]
     fn a_wider_box_settles_what_was_said_where_the_hypotheses_point_and_not_before() {
-        let sharp = of("adhesion", 0.97, 0.6);
-        let mut before = Before::default();
-        before.widen(sharp.clone());
-        assert!(!before.settles(&sharp), "no run was made where the hypotheses point");
-        before.point(sharp.clone());
-        assert!(before.settles(&sharp));
-        before.widen(sharp.clone());
-        assert!(before.settles(&sharp));
-        before.widen(of("damping", 0.97, 0.6));
-        assert!(!before.settles(&sharp), "the last one said something else");
+        let (sharp, other) = (of("adhesion", 0.97, 0.6), of("damping", 0.97, 0.6));
+        let leant = |now: &Standing| (now.clone(), Some(Wider::Beyond));
+        let plain = |now: &Standing| (now.clone(), None);
+        let (widen, point, end) = (Step::Widen, Step::Point, Step::End);
+        // No run was made where the hypotheses point.
+        assert_eq!(steps(None, &[leant(&sharp), plain(&sharp), plain(&sharp)]), [widen, point, end]);
+        let said = [plain(&sharp), leant(&sharp), plain(&sharp)];
+        assert_eq!(steps(None, &said), [point, widen, end]);
+        let said = [plain(&sharp), leant(&other), plain(&sharp)];
+        assert_eq!(steps(None, &said), [point, widen, point], "the last one said something else");
+    }
+
+    #[test]
+    fn a_box_is_made_wider_twice_within_the_prior_and_twice_beyond_it() {
+        let now = of("adhesion", 0.5, 0.6);
+        let said: Vec<(Standing, Option<Wider>)> = [Wider::Within, Wider::Beyond]
+            .iter()
+            .flat_map(|wider| vec![(now.clone(), Some(*wider)); 3])
+            .collect();
+        let (widen, point) = (Step::Widen, Step::Point);
+        assert_eq!(steps(None, &said), [widen, widen, point, widen, widen, point]);
+    }
+
+    #[test]
+    fn a_design_ends_with_its_rounds_and_goes_on_where_effects_are_untried_and_no_number_is_given() {
+        let (point, end) = (Step::Point, Step::End);
+        let doubtful = (of("adhesion", 0.5, 0.6), None);
+        assert_eq!(steps(None, &vec![doubtful.clone(); 4]), [point, point, point, end]);
+        assert_eq!(steps(Some(100), &vec![doubtful.clone(); 4]), [point, point, point, end]);
+        let untried = (Standing { is_untried: true, ..doubtful.0.clone() }, None);
+        let all = [point, point, point, Step::Further, Step::Further, end];
+        assert_eq!(steps(None, &vec![untried.clone(); 6]), all);
+        assert_eq!(steps(Some(100), &vec![untried.clone(); 4]), [point, point, point, end]);
+        // A larger number than the rounds have is made at once.
+        assert_eq!(steps(Some(150), &vec![untried; 5]), [point, point, point, point, end]);
+    }
+
+    #[test]
+    fn runs_in_a_wider_box_are_not_counted() {
+        let mut course = Course::new(Rounds { all: 100 }, Some(120));
+        let doubtful = of("adhesion", 0.5, 0.6);
+        course.made(40);
+        assert_eq!(course.next(doubtful.clone(), Some(Wider::Within)), Step::Widen);
+        course.made(20);
+        let made: Vec<usize> = (0..4)
+            .map(|_| {
+                let runs = course.pointed();
+                course.next(doubtful.clone(), None);
+                course.made(runs);
+                runs
+            })
+            .collect();
+        assert_eq!(made, [10, 20, 30, 20]);
+        assert_eq!(course.next(doubtful, None), Step::End);
     }
 
     #[test]

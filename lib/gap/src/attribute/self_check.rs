@@ -113,8 +113,8 @@ pub fn self_check(
                 design.scatter,
             )?;
             let attribution = attribute(&problem, largest, seed)?;
-            let best = &attribution.explanations[0];
-            let cause = if best.has_rest && !best.is_cause() {
+            let best = attribution.first();
+            let cause = if best.is_unknown() {
                 UNEXPLAINED.to_owned()
             } else {
                 name(&best.hypothesis, design.candidates)
@@ -123,7 +123,7 @@ pub fn self_check(
                 sample: design.ensemble.samples[run].clone(),
                 truth: name(&truth(run), design.candidates),
                 first: cause,
-                probability: best.probability,
+                probability: attribution.probability_of(best),
             });
             stage.advance();
         }

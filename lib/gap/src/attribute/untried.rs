@@ -23,7 +23,7 @@ const OF_WHAT_IS_LEFT: f64 = 0.25;
 /// explanations: none of the candidates explains a measurement only if all have been tried. A vague emulator makes
 /// a measurement improbable under the very effect that is in it, and what is improbable gets no runs.
 pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untried> {
-    if explanations.first().is_none_or(|first| first.is_cause() || !first.has_rest) {
+    if !explanations.first().is_some_and(Explanation::is_unknown) {
         return Vec::new();
     }
     let is_single = |of: &Explanation| match of.hypothesis.as_slice() {
@@ -41,10 +41,18 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     asked
         .filter_map(|(place, of)| {
             let ignorance = ignorance(problem, of);
-            let is_unknown = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of));
-            is_unknown.then_some(Untried { place, ignorance })
+            is_too_much(problem, of, ignorance).then_some(Untried { place, ignorance })
         })
         .collect()
+}
+
+/// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
+pub fn is_too_vague(problem: &Problem<'_>, of: &Explanation) -> bool {
+    is_too_much(problem, of, ignorance(problem, of))
+}
+
+fn is_too_much(problem: &Problem<'_>, of: &Explanation, ignorance: f64) -> bool {
+    ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of))
 }
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::attribute::attribution::{Explanation, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::forecast::{Effort, effort};
@@ -13,6 +13,7 @@ use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
 use crate::attribute::rest::{GoesWith, goes_with};
 use crate::attribute::told::{Told, told};
+use crate::attribute::untried::{KNOWN, ignorance};
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -61,7 +62,7 @@ pub fn verdict(
     for lean in &diagnosis.leans {
         add_lean(&mut verdicts, lean, bounds);
     }
-    let base = diagnosis.base();
+    let base = diagnosis.attribution.base();
     let gap = crate::attribute::closure::gap(problem, &base.evidence.mean);
     verdicts.add(
         "gap",
@@ -103,30 +104,6 @@ fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
     let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of.ignorance));
     let most = untried.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes));
     most.filter(|(of, _)| of.closes >= MOST)
-}
-
-/// That something unknown comes first, and which effects come nearest.
-fn add_unexplained(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
-    let first = diagnosis.first().probability;
-    let Some(of) = diagnosis.attribution.nearest() else {
-        verdicts.add(
-            "unexplained",
-            first,
-            format!("something else than the base model is at work, probability {first:.2}"),
-        );
-        return;
-    };
-    let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
-    if first < SETTLED {
-        let probability = diagnosis.probability_of(&of.hypothesis);
-        verdicts.add("unsettled", UNEXPLAINED, format!(
-            "something else seems to be at work, probability {first:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap"
-        ));
-    } else {
-        verdicts.add("unexplained", first, format!(
-            "none of the candidates explains the measurement: something else is at work, probability {first:.2}; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer"
-        ));
-    }
 }
 
 /// Effects that nothing can be said of yet, though something unknown comes first.
@@ -184,36 +161,77 @@ fn needs_more_noise(problem: &Problem<'_>, of: &Explanation, than: &Explanation)
 /// The cause, or why there is none.
 fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let first = diagnosis.first();
-    let effects = name(&first.hypothesis, &problem.candidates);
-    let probability = diagnosis.probability_of(&first.hypothesis);
-    let is_fit = diagnosis.base().fits.is_some_and(|fits| fits > FITS)
-        && !needs_more_noise(problem, diagnosis.base(), first);
-    let is_settled = probability >= SETTLED && diagnosis.leans.is_empty() && !is_fit;
-    if !first.is_cause() {
-        if !first.has_rest {
-            let code = if diagnosis.leans.is_empty() { "none" } else { "unsettled" };
-            verdicts.add(
-                code,
-                "none",
-                format!(
-                    "no effect is needed: the base model explains the measurement, probability {:.2}",
-                    first.probability
-                ),
-            );
-            return Ok(());
-        }
-        if let Some((of, unknown)) = may_close(diagnosis) {
-            verdicts.add("unsettled", "unexplained", format!(
-                "something else seems to be at work, probability {:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {unknown:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
-                first.probability, name(&of.hypothesis, &problem.candidates), percent(of.closes)
-            ));
-            return Ok(());
-        }
-        add_unexplained(verdicts, problem, diagnosis);
-        return Ok(());
+    let is_settled = diagnosis.stated() >= SETTLED && diagnosis.leans.is_empty();
+    if first.is_cause() {
+        return add_effects(verdicts, problem, diagnosis, is_settled, seed);
     }
+    if first.has_rest {
+        add_unknown(verdicts, problem, diagnosis, is_settled);
+    } else {
+        add_none(verdicts, first.probability, is_settled);
+    }
+    Ok(())
+}
+
+/// That the base model comes first.
+fn add_none(verdicts: &mut Verdicts, probability: f64, is_settled: bool) {
+    let needed = if probability < SETTLED { "no effect seems to be needed" } else { "no effect is needed" };
+    verdicts.add(
+        if is_settled { "none" } else { "unsettled" },
+        "none",
+        format!("{needed}: the base model explains the measurement, probability {probability:.2}"),
+    );
+}
+
+/// That something unknown comes first, and which effects come nearest.
+fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
+    let first = diagnosis.stated();
+    if let Some((of, unknown)) = may_close(diagnosis) {
+        verdicts.add("unsettled", UNEXPLAINED, format!(
+            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {unknown:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
+            name(&of.hypothesis, &problem.candidates), percent(of.closes)
+        ));
+        return;
+    }
+    let text = match diagnosis.attribution.nearest() {
+        None => format!("something else than the base model is at work, probability {first:.2}"),
+        Some(of) => {
+            let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
+            if first < SETTLED {
+                let probability = diagnosis.attribution.probability_of(of);
+                format!(
+                    "something else seems to be at work, probability {first:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap"
+                )
+            } else {
+                format!(
+                    "none of the candidates explains the measurement: something else is at work, probability {first:.2}; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer"
+                )
+            }
+        }
+    };
+    if is_settled {
+        verdicts.add("unexplained", first, text);
+    } else {
+        verdicts.add("unsettled", UNEXPLAINED, text);
+    }
+}
+
+/// That effects come first, and how much of the gap they close.
+fn add_effects(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    is_settled: bool,
+    seed: u64,
+) -> Result<()> {
+    let first = diagnosis.first();
+    let (effects, probability) = (name(&first.hypothesis, &problem.candidates), diagnosis.stated());
+    let base = diagnosis.attribution.base();
+    let is_fit = base.fits.is_some_and(|fits| fits > FITS)
+        && !needs_more_noise(problem, base, first)
+        && ignorance(problem, base) <= KNOWN;
     let is_part = first.has_rest && first.closes < MOST;
-    let code = match (is_settled, first.has_rest) {
+    let code = match (is_settled && !is_fit, first.has_rest) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
         (true, false) => "cause",
@@ -235,7 +253,7 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
         format!("{effects} explains it: probability {probability:.2}")
     };
     verdicts.add(code, &effects, text);
-    let closes = shrink(problem, &diagnosis.attribution.explanations, first, seed)?;
+    let closes = shrink(problem, base, first, seed)?;
     let (low, high) = (percent(closes.low), percent(closes.high));
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
     // An observable that is noisy over its range counts for less in units of its noise.
@@ -376,36 +394,21 @@ fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosi
 
 /// What comes next, what cannot be told from the first, and what would tell them apart.
 fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
-    let explanations = &diagnosis.attribution.explanations;
+    let Attribution { explanations } = &diagnosis.attribution;
     let (first, of_first) = (&diagnosis.rows[0], diagnosis.first());
-    let probability = diagnosis.probability_of(&of_first.hypothesis);
-    let is_rest_alone = |of: &Explanation| of.has_rest && !of.is_cause();
-    let rival = explanations
-        .iter()
-        .find(|of| of.hypothesis != of_first.hypothesis || is_rest_alone(of) != is_rest_alone(of_first));
-    let is_open = if of_first.is_cause() { probability } else { of_first.probability } < SETTLED;
+    let rival = explanations.iter().find(|of| !of.says_as(of_first));
+    let is_open = diagnosis.stated() < SETTLED;
     if let (true, Some(rival)) = (is_open, rival) {
-        let own = if is_rest_alone(rival) || rival.hypothesis.is_empty() {
-            rival.probability
-        } else {
-            diagnosis.probability_of(&rival.hypothesis)
-        };
-        verdicts.add(
-            "next",
-            &rival.name,
-            format!(
-                "not settled: next comes {} with probability {own:.2}",
-                if is_rest_alone(rival) { UNEXPLAINED } else { &rival.name }
-            ),
-        );
+        let (rival, own) = (&rival.name, diagnosis.attribution.probability_of(rival));
+        verdicts.add("next", rival, format!("not settled: next comes {rival} with probability {own:.2}"));
     }
     // The rival that a further measurement should tell from the first: one that it is confounded with, else
     // the next in line.
     let confounded =
         first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
     let is_said = is_open || !of_first.is_cause();
-    let rival = confounded.or(rival.filter(|of| is_said && !is_rest_alone(of)));
-    let Some(rival) = rival.filter(|_| !is_rest_alone(of_first)) else { return Ok(()) };
+    let rival = confounded.or(rival.filter(|of| is_said && !of.is_unknown()));
+    let Some(rival) = rival.filter(|_| !of_first.is_unknown()) else { return Ok(()) };
     if !first.confounded.is_empty() {
         verdicts.add(
             "confounded",
@@ -434,7 +437,7 @@ fn add_effort(
     rival: &Explanation,
 ) -> Result<()> {
     let first = diagnosis.first();
-    let probability = |of: &Explanation| diagnosis.probability_of(&of.hypothesis).max(f64::MIN_POSITIVE);
+    let probability = |of: &Explanation| diagnosis.attribution.probability_of(of).max(f64::MIN_POSITIVE);
     let ln_odds = |truth: &Explanation, other: &Explanation| (probability(truth) / probability(other)).ln();
     // The truth is one of them. That an effect is absent is what is left when it would have been seen.
     let ways = if is_part(&first.hypothesis, &rival.hypothesis) {
@@ -524,7 +527,7 @@ mod tests {
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
         let problem = predictor.problem(&prior, &observations);
         let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
-        diagnosis.attribution.explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
         diagnosis.attribution.explanations[0].probability = probability;
         diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
         let mut verdicts = Verdicts::default();
@@ -540,5 +543,38 @@ mod tests {
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
         let said = said_of_something_unknown(0.6, 1e-8);
         assert!(said.contains("seems to be at work, probability 0.60, or wave, probability"), "{said}");
+    }
+
+    /// The code and the value of the answer where this hypothesis comes first with this probability, and a bound is leaned
+    /// on or not.
+    fn answer(name: &str, probability: f64, leans: bool) -> (String, String) {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let explanations = &mut diagnosis.attribution.explanations;
+        explanations.sort_by_key(|of| of.name != name);
+        explanations.iter_mut().for_each(|of| of.probability = 0.0);
+        explanations[0].probability = probability;
+        if leans {
+            let (parameter, hypothesis) = ("a".to_owned(), name.to_owned());
+            diagnosis.leans.push(Lean { parameter, bound: 2.0, is_upper: true, by: 0.1, hypothesis });
+        }
+        let mut verdicts = Verdicts::default();
+        add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        let first = verdicts.rows.remove(0);
+        (first.code, first.value)
+    }
+
+    #[test]
+    fn whatever_comes_first_is_not_settled_below_four_fifths_or_where_a_bound_is_leaned_on() {
+        for (name, code, value) in
+            [("none", "none", "none"), ("wave", "cause", "wave"), ("unexplained", "unexplained", "0.85")]
+        {
+            assert_eq!(answer(name, 0.85, false), (code.to_owned(), value.to_owned()));
+            for (probability, leans) in [(0.75, false), (0.85, true)] {
+                assert_eq!(answer(name, probability, leans), ("unsettled".to_owned(), name.to_owned()));
+            }
+        }
     }
 }

@@ -26,10 +26,7 @@ pub fn most_probable(attribution: &Table) -> Result<(String, f64)> {
     ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
     let hypothesis = attribution.format().column("hypothesis")?;
     let probability = attribution.numbers("probability")?;
-    let cause = |row: usize| {
-        let name = attribution.field(row, hypothesis);
-        name.strip_suffix("+unexplained").unwrap_or(name)
-    };
+    let cause = |row: usize| cause(attribution.field(row, hypothesis));
     // Of several that are as probable, the first.
     let of_cause = |row: usize| -> f64 {
         (0..probability.len())
@@ -40,6 +37,11 @@ pub fn most_probable(attribution: &Table) -> Result<(String, f64)> {
     let first =
         (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b))).unwrap_or(0);
     Ok((cause(first).to_owned(), of_cause(first)))
+}
+
+/// The cause that a hypothesis names, with a rest or without.
+pub fn cause(hypothesis: &str) -> &str {
+    hypothesis.strip_suffix("+unexplained").unwrap_or(hypothesis)
 }
 
 #[cfg(test)]
