@@ -14,6 +14,7 @@ use gl_table::verdict::Verdicts;
 
 use crate::arguments::Request;
 use crate::forecast::Plan;
+use crate::step::time;
 
 /// Check a case, and say what a calibration and a diagnosis of it would take.
 ///
@@ -82,16 +83,19 @@ fn commands(case: &Case, engine: Engine) -> Result<Vec<Model>> {
 /// A file of the model that was changed since the first runs in a folder were made, which are kept.
 ///
 /// # Errors
-/// If the command of a test cannot be read.
+/// If the command of a test, or when a file was changed, cannot be read.
 pub(crate) fn changed_since_runs(case: &Case, engine: Engine, out: &Path) -> Result<Option<PathBuf>> {
-    let time = |path: &Path| path.metadata().and_then(|file| file.modified()).ok();
-    let Some(made) = time(&out.join("iter0/ensemble.txt")) else { return Ok(None) };
+    let Some(made) = time(&out.join("iter0/ensemble.txt"))? else { return Ok(None) };
     let models = match engine {
         Engine::YadeBatch => vec![Model::Yade(case.engine(Some(engine))?.1.into())],
         _ => commands(case, engine)?,
     };
-    let mut files = models.iter().flat_map(|model| model.files(&case.folder));
-    Ok(files.find(|file| time(file).is_some_and(|changed| changed > made)))
+    for file in models.iter().flat_map(|model| model.files(&case.folder)) {
+        if time(&file)?.is_some_and(|changed| changed > made) {
+            return Ok(Some(file));
+        }
+    }
+    Ok(None)
 }
 
 /// Parameters that no command is given.

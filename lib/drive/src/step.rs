@@ -195,7 +195,11 @@ pub(crate) fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).with_context(|| format!("{}: cannot be made", path.display()))
 }
 
-fn time(path: &Path) -> Result<Option<SystemTime>> {
+/// When a file was changed; nothing if it is not there.
+///
+/// # Errors
+/// If that cannot be read.
+pub(crate) fn time(path: &Path) -> Result<Option<SystemTime>> {
     match fs::metadata(path).and_then(|metadata| metadata.modified()) {
         Ok(time) => Ok(Some(time)),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),

@@ -34,25 +34,15 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
         let twin = explanations.iter().find(|o| o.hypothesis == of.hypothesis && o.has_rest != of.has_rest);
         twin.is_none_or(|twin| (of.ln_weight, of.has_rest) > (twin.ln_weight, twin.has_rest))
     };
-    let asked = explanations
-        .iter()
-        .enumerate()
-        .filter(|(_, of)| is_single(of) && of.ruled_out != Some(RuledOut::Invisible) && is_better(of));
-    asked
-        .filter_map(|(place, of)| {
-            let ignorance = ignorance(problem, of);
-            is_too_much(problem, of, ignorance).then_some(Untried { place, ignorance })
-        })
-        .collect()
+    let is_visible = |of: &Explanation| of.ruled_out != Some(RuledOut::Invisible);
+    let is_untried = |of: &Explanation| of.is_vague && is_single(of) && is_visible(of) && is_better(of);
+    let all = explanations.iter().enumerate().filter(|(_, of)| is_untried(of));
+    all.map(|(place, of)| Untried { place, ignorance: ignorance(problem, of) }).collect()
 }
 
 /// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
 pub fn is_too_vague(problem: &Problem<'_>, of: &Explanation) -> bool {
-    is_too_much(problem, of, ignorance(problem, of))
-}
-
-fn is_too_much(problem: &Problem<'_>, of: &Explanation, ignorance: f64) -> bool {
-    ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of))
+    ignorance(problem, of) > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of))
 }
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
