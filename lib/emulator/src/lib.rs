@@ -22,6 +22,7 @@ pub mod table;
 #[cfg(test)]
 mod tests;
 mod train;
+pub mod warp;
 
 use anyhow::{Result, ensure};
 use nalgebra::{DMatrix, DVector};

@@ -33,13 +33,15 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, Posterior, Warp};
+use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, Posterior};
 use noise::ChiSquare;
 pub use proof::Proof;
 use settle::{Outcome, Sampler, from_prior};
 use smc::{Effort, sample};
 use space::Space;
 use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
+
+use crate::warp::{self, FAR, FAR_OF_SCATTER, Warp, scatters};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -148,11 +150,6 @@ pub struct Run {
     pub error: f64,
 }
 
-/// Runs that reach so many times beyond the measurement are seen by their logarithm. Where they scatter, too, that is another scatter
-/// at each size, which has another mean: only for the sake of runs that are much further off.
-const FAR: f64 = 4.0;
-const FAR_OF_SCATTER: f64 = 30.0;
-
 /// Particles for a first look.
 const FIRST_PARTICLES: usize = 600;
 
@@ -197,9 +194,11 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     let stage = stage("sampling the posterior", 3);
     let observations = question.observations.part(question.steps.clone());
     let space = Space::new(question.prior, question.samples)?;
+    let all: Vec<usize> = (0..question.ensemble.len()).collect();
+    let runs = question.ensemble.part(&all, question.steps.clone());
     let seen = |far: f64| {
-        let measured = measured(question, &observations, far);
-        let ensemble = warped(question, &observations, &measured);
+        let measured = measured(question, &observations, &runs, far);
+        let ensemble = warp::seen(&runs, &measured.warps);
         (measured, ensemble)
     };
     let first_look = |(measured, ensemble): &(Measured, Ensemble)| {
@@ -209,7 +208,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     // A first look, with an emulator of few runs, from the whole prior.
     let mut as_seen = seen(FAR);
     let mut first = first_look(&as_seen)?;
-    if as_seen.0.warps.iter().any(|warp| warp.is_some()) && scatters(&first) {
+    if as_seen.0.warps.iter().any(|warp| warp.is_some()) && scatters(&first.emulator) {
         as_seen = seen(FAR_OF_SCATTER);
         first = first_look(&as_seen)?;
     }
@@ -273,16 +272,8 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
 }
 
-/// Whether runs of the same parameters differ: what an emulator takes for scatter in the pattern that most of their variance is in.
-fn scatters(first: &Surrogate) -> bool {
-    /// The share of its variance from which it is no rounding.
-    const SHARE: f64 = 1e-3;
-    let scores = first.emulator.scores();
-    first.emulator.nugget().first().is_some_and(|nugget| *nugget > SHARE * scores.column(0).variance())
-}
-
 /// What is compared: runs that reach so many times beyond the measurement are warped.
-fn measured(question: &Question<'_>, observations: &Observations, far: f64) -> Measured {
+fn measured(question: &Question<'_>, observations: &Observations, runs: &Ensemble, far: f64) -> Measured {
     let lengths = observations.values.iter().map(Vec::len);
     let starts: Vec<usize> = std::iter::once(0)
         .chain(lengths.scan(0, |end, length| {
@@ -304,12 +295,7 @@ fn measured(question: &Question<'_>, observations: &Observations, far: f64) -> M
     };
     let base: Vec<f64> = base;
     let warps: Vec<Warp> = (0..ranges.len())
-        .map(|j| {
-            let size = |values: &[f64]| values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-            let runs = (0..question.ensemble.len())
-                .map(|run| size(cut(question.ensemble.curve(run, j), &question.steps)));
-            Warp::new(size(&observations.values[j]), runs.fold(0.0, f64::max), far)
-        })
+        .map(|j| Warp::new(&observations.values[j], (0..runs.len()).map(|run| runs.curve(run, j)), far))
         .collect();
     let readings = observations.values.concat();
     let observable_of = |o: usize| starts.partition_point(|start| *start <= o) - 1;
@@ -329,21 +315,6 @@ fn measured(question: &Question<'_>, observations: &Observations, far: f64) -> M
 /// The part of an observable at the steps that are compared; one of a shorter test has fewer.
 fn cut<'a>(values: &'a [f64], steps: &std::ops::Range<usize>) -> &'a [f64] {
     &values[steps.start.min(values.len())..steps.end.min(values.len())]
-}
-
-/// The runs at the steps that are compared, as the emulator sees them.
-fn warped(question: &Question<'_>, observations: &Observations, measured: &Measured) -> Ensemble {
-    let mut ensemble = Ensemble::new(observations, false);
-    ensemble.source.clone_from(&question.ensemble.source);
-    for run in 0..question.ensemble.len() {
-        let warped = |(j, warp): (usize, &Warp)| {
-            let curve = cut(question.ensemble.curve(run, j), &question.steps);
-            curve.iter().map(|y| warp.there(*y)).collect()
-        };
-        let curves: Vec<Vec<f64>> = measured.warps.iter().enumerate().map(warped).collect();
-        ensemble.push(&question.ensemble.samples[run], &curves, None);
-    }
-    ensemble
 }
 
 /// What is not known of the noise, before the residuals have been looked at.

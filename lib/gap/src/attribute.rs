@@ -4,7 +4,8 @@
 //!
 //! 1. What is known. [`hypothesis`]: the candidates, and every set of a few of them. [`measurement`]:
 //!    errors of the rig as candidates, which transform a curve along the control's [`path`]; each is of one
-//!    [`test`](mod@test). [`predictor`]: the simulation at any parameters, by an emulator of a design's runs.
+//!    [`test`](mod@test). [`predictor`]: the simulation at any parameters, by
+//!    an emulator of a design's runs in [`simulation`].
 //! 2. One hypothesis. [`problem`]: what all of them share, among it the covariance of the readings,
 //!    which [`gaussian`] factors and [`discrepancy`] gives its smooth part; [`visible`] says which candidates
 //!    the measurement can show at all, [`belief`] what was believed of parameters whose bounds were made wider. [`model`]: the
@@ -44,6 +45,7 @@ pub mod problem;
 pub mod rest;
 pub mod rounds;
 pub mod self_check;
+pub mod simulation;
 #[cfg(test)]
 mod synthetic_world;
 pub mod test;

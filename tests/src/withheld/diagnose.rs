@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
-use gl_emulator::Emulator;
 use gl_gap::attribute::attribution::Explanation;
 use gl_gap::attribute::closure::Shrink;
 use gl_gap::attribute::diagnosis;
-use gl_gap::attribute::diagnosis::{Diagnosis, emulate, shrink};
+use gl_gap::attribute::diagnosis::{Diagnosis, shrink};
 use gl_gap::attribute::hypothesis::Candidate;
 use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
+use gl_gap::attribute::simulation::Simulation;
 use gl_gap::attribute::winner::cause;
 use gl_gap::design_box::{self, Limit, goes_beyond, widen};
 use gl_inference::design::{self, Effects};
@@ -50,25 +50,20 @@ impl How {
     }
 }
 
-/// A switch design and its emulator, which cases with the same candidates of the simulation and the same
-/// specimens share.
+/// A switch design, whose first round cases with the same candidates of the simulation and the same specimens share.
 struct Design {
     prior: Prior,
     samples: Samples,
     ensemble: Ensemble,
     is_scattered: bool,
-    emulator: Emulator,
-    seed: u64,
 }
 
 impl Design {
-    /// These runs and further ones as iteration `round`, with a prior that may be wider, and an emulator of all of
-    /// them, good enough for a noise, shape (observables, steps).
+    /// These runs and further ones as iteration `round`, with a prior that may be wider.
     fn with_runs(
         &self,
         bench: &Bench,
         (prior, values): (Prior, Vec<Vec<f64>>),
-        noise: Option<&Vec<Vec<f64>>>,
         (round, specimens): (usize, u64),
     ) -> Result<Self> {
         let (samples, more) = bench.run(&prior, values, self.is_scattered, round, specimens)?;
@@ -77,8 +72,7 @@ impl Design {
         for (run, name) in more.samples.iter().enumerate() {
             ensemble.push(name, &more.curves(run), None);
         }
-        let emulator = emulate(&prior, &samples, &ensemble, noise, self.seed)?;
-        Ok(Self { prior, samples, ensemble, is_scattered: self.is_scattered, emulator, seed: self.seed })
+        Ok(Self { prior, samples, ensemble, is_scattered: self.is_scattered })
     }
 }
 
@@ -90,8 +84,8 @@ struct Case {
     specimens: u64,
 }
 
-/// Read `DIR/cases` and write `DIR/verdicts.tsv`. The first round of runs, and its emulator, are made once for
-/// all cases with the same candidates.
+/// Read `DIR/cases` and write `DIR/verdicts.tsv`. The first round of runs is made once for all cases with the same
+/// candidates.
 ///
 /// # Errors
 /// If a case cannot be read or diagnosed.
@@ -107,19 +101,8 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         Ok(Case { observations, kinds, specimens: how.seed + 1 + row as u64 })
     };
     let measured: Vec<Case> = (0..list.len()).map(read).collect::<Result<_>>()?;
-    // The components must be good enough for the most accurate of the measurements.
-    let mut finest: Vec<Vec<f64>> = measured[0].observations.values.clone();
-    finest.iter_mut().flatten().for_each(|sd| *sd = f64::INFINITY);
-    for case in &measured {
-        for (finest, noise) in
-            finest.iter_mut().zip(case.observations.noise(&ByName::default())?.into_iter().flatten())
-        {
-            finest.iter_mut().zip(noise).for_each(|(finest, sd)| *finest = finest.min(sd));
-        }
-    }
     let mut designs: BTreeMap<(String, String), Design> = BTreeMap::new();
     let design_of = |row: usize| (list.field(row, 1).to_owned(), list.field(row, 2).to_owned());
-    let is_stated = finest.iter().flatten().all(|sd| sd.is_finite());
     for key in (0..list.len()).map(design_of) {
         if designs.contains_key(&key) {
             continue;
@@ -128,13 +111,12 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         let is_scattered = key.1 == "yes";
         let (samples, ensemble) = bench.design(&left_out, is_scattered, how.first(), how.seed)?;
         let prior = bench.prior_without(&left_out);
-        let emulator = emulate(&prior, &samples, &ensemble, is_stated.then_some(&finest), how.seed)?;
-        designs.insert(key, Design { prior, samples, ensemble, is_scattered, emulator, seed: how.seed });
+        designs.insert(key, Design { prior, samples, ensemble, is_scattered });
     }
     let verdicts = measured
         .par_iter()
         .enumerate()
-        .map(|(row, case)| verdict(bench, how, &designs[&design_of(row)], case, &finest))
+        .map(|(row, case)| verdict(bench, how, &designs[&design_of(row)], case))
         .collect::<Result<Vec<_>>>()?;
     write(&list, &verdicts, &dir.join("verdicts.tsv"))
 }
@@ -143,7 +125,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
 /// wider, and the number of runs.
 type Verdict = (Diagnosis, Option<Shrink>, bool, usize);
 
-fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<f64>]) -> Result<Verdict> {
+fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
     let simulated = shared.prior.effects().into_iter().map(Candidate::Simulated);
     let measured = MeasurementEffect::of_tests(kinds, &observations.names, &bench.tests());
@@ -153,10 +135,14 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
     let rounds = Rounds { all };
     let mut own = None::<Design>;
     let mut course = Course::new(rounds, None);
-    let diagnosed = |design: &Design| -> Result<(Verdict, Standing)> {
+    let simulation = |design: &Design| {
+        let runs = (&design.samples, &design.ensemble);
+        Simulation::new(&design.prior, runs, &observations.values, noise.as_ref(), how.seed)
+    };
+    let diagnosed = |design: &Design, simulation: &Simulation| -> Result<(Verdict, Standing)> {
         let world =
-            how.exact.then(|| Exact::new(bench, &design.prior, &design.emulator, finest)).transpose()?;
-        let predictor = world.as_ref().map_or(&design.emulator as &dyn Predictor, |world| world);
+            how.exact.then(|| Exact::new(bench, &design.prior, simulation, observations)).transpose()?;
+        let predictor = world.as_ref().map_or(simulation as &dyn Predictor, |world| world);
         let problem =
             problem(bench, predictor, &design.prior, &candidates, observations)?.believing(&shared.prior);
         let diagnosis = diagnosis::diagnose(&problem, 2, how.seed)?;
@@ -175,7 +161,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
     let mut round = 1;
     loop {
         let design = own.as_ref().unwrap_or(shared);
-        let (found, now) = diagnosed(design)?;
+        let simulation = simulation(design)?;
+        let (found, now) = diagnosed(design, &simulation)?;
         if !how.in_rounds {
             return Ok(found);
         }
@@ -195,7 +182,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
                 (wider, values)
             }
             (Step::Point | Step::Further, _) => {
-                let problem = problem(bench, &design.emulator, &design.prior, &candidates, observations)?
+                let problem = problem(bench, &simulation, &design.prior, &candidates, observations)?
                     .believing(&shared.prior);
                 let diagnosis = &found.0;
                 let explanations = &diagnosis.attribution.explanations;
@@ -205,7 +192,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case, finest: &[Vec<
             (Step::Widen | Step::End, _) => return Ok(found),
         };
         let specimens = specimens + 10_000 * (round as u64 - 1);
-        own = Some(design.with_runs(bench, (prior, values), noise.as_ref(), (round, specimens))?);
+        own = Some(design.with_runs(bench, (prior, values), (round, specimens))?);
         round += 1;
     }
 }

@@ -2,64 +2,74 @@
 //! exactly.
 
 use anyhow::{Error, Result};
-use gl_emulator::Emulator;
 use gl_gap::attribute::predictor::{Prediction, Predictor};
+use gl_gap::attribute::simulation::Simulation;
+use gl_inference::observations::{ByName, Observations};
 use gl_inference::prior::{Parameter, Prior};
 use nalgebra::{DMatrix, DVector};
 
 use super::bench::Bench;
 
-/// A world, in the components of an emulator and with its scatter.
+/// A world, in the components of an emulator about a measurement and with its scatter.
 pub struct Exact<'a> {
     bench: &'a Bench,
     prior: &'a Prior,
-    emulator: &'a Emulator,
-    /// Components of a curve about the centre, shape (components, readings).
+    simulation: &'a Simulation,
+    /// Inverse of the patterns, shape (components, readings).
     inverse: DMatrix<f64>,
 }
 
 impl<'a> Exact<'a> {
     /// The world behind an emulator of some of its parameters; its curves are projected on the components
-    /// in units of a noise, shape (observables, steps).
+    /// in units of the measurement's noise, or of its ranges where that is not stated.
     ///
     /// # Errors
     /// If the components have no inverse.
     pub fn new(
         bench: &'a Bench,
         prior: &'a Prior,
-        emulator: &'a Emulator,
-        noise: &[Vec<f64>],
+        simulation: &'a Simulation,
+        observations: &Observations,
     ) -> Result<Self> {
-        let basis = Predictor::basis(emulator);
-        let unit = DVector::from_vec(noise.concat()).map(f64::recip);
-        let white = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| basis[(i, k)] * unit[i]);
+        let basis = simulation.basis();
+        let noise = observations.noise(&ByName::default())?;
+        let of_ranges = || {
+            let steps = |(values, range): (&Vec<f64>, f64)| vec![range; values.len()];
+            observations.values.iter().zip(observations.ranges()).map(steps).collect()
+        };
+        let noise = noise.unwrap_or_else(of_ranges).concat();
+        let white = DMatrix::from_fn(basis.nrows(), basis.ncols(), |i, k| basis[(i, k)] / noise[i]);
         let mut inverse = white.pseudo_inverse(1e-14).map_err(Error::msg)?;
-        for (mut column, unit) in inverse.column_iter_mut().zip(unit.iter()) {
-            column *= *unit;
+        for (mut column, noise) in inverse.column_iter_mut().zip(noise) {
+            column /= noise;
         }
-        Ok(Self { bench, prior, emulator, inverse })
+        Ok(Self { bench, prior, simulation, inverse })
     }
 }
 
 impl Predictor for Exact<'_> {
-    fn centre(&self) -> &[f64] {
-        Predictor::centre(self.emulator)
+    fn readings(&self) -> usize {
+        self.simulation.readings()
     }
 
     fn basis(&self) -> &DMatrix<f64> {
-        Predictor::basis(self.emulator)
+        self.simulation.basis()
     }
 
     fn left_over(&self) -> &[f64] {
-        Predictor::left_over(self.emulator)
+        self.simulation.left_over()
     }
 
     fn scatter(&self) -> Vec<f64> {
-        Predictor::scatter(self.emulator)
+        self.simulation.scatter()
     }
 
     fn correlation(&self) -> DMatrix<f64> {
-        Predictor::correlation(self.emulator)
+        self.simulation.correlation()
+    }
+
+    fn curve(&self, components: &[f64]) -> Vec<f64> {
+        self.simulation.curve(components)
     }
 
     fn predict(&self, point: &[f64]) -> Prediction {
@@ -72,8 +82,7 @@ impl Predictor for Exact<'_> {
         let Ok(curves) = self.bench.simulate(&self.bench.with_rest_off(self.prior, &values)) else {
             return Prediction { mean: vec![f64::NAN; components], variance: vec![0.0; components] };
         };
-        let away: Vec<f64> = curves.concat().iter().zip(self.centre()).map(|(y, c)| y - c).collect();
-        let mean = &self.inverse * DVector::from_vec(away);
+        let mean = &self.inverse * DVector::from_vec(self.simulation.away(&curves.concat()));
         Prediction { mean: mean.as_slice().to_vec(), variance: vec![0.0; components] }
     }
 }

@@ -11,7 +11,7 @@ use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_gap::attribute::attribution::{Attribution, Explanation, RuledOut};
-use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose, emulate};
+use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose};
 use gl_gap::attribute::draws::{Drawn, draws};
 use gl_gap::attribute::marginals::{Marginal, marginals};
 use gl_gap::attribute::measurement::Kind;
@@ -19,6 +19,7 @@ use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::rest::{GoesWith, goes_with};
 use gl_gap::attribute::self_check::{Design, self_check, summary};
+use gl_gap::attribute::simulation::Simulation;
 use gl_gap::attribute::test::Test;
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
@@ -186,11 +187,12 @@ fn run(args: &Args) -> Result<()> {
     let samples = Samples::read(&args.samples)?;
     let Seen { observations, tests, first, noise, ensemble } = Seen::read(args)?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
-    let emulator = emulate(&prior, &samples, &ensemble, noise.as_ref(), args.seed)?;
-    if emulator.missing() > 0 {
+    let runs = (&samples, &ensemble);
+    let simulation = Simulation::new(&prior, runs, &observations.values, noise.as_ref(), args.seed)?;
+    if simulation.missing() > 0 {
         note(format_args!(
             "{} of {} samples have no run and are left out",
-            emulator.missing(),
+            simulation.missing(),
             samples.len()
         ));
     }
@@ -202,7 +204,7 @@ fn run(args: &Args) -> Result<()> {
     let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
     let measured = (&observations, tests.clone());
     let mut problem =
-        Problem::of_tests(&emulator, &prior, candidates.clone(), measured, noise, args.scatter)?;
+        Problem::of_tests(&simulation, &prior, candidates.clone(), measured, noise, args.scatter)?;
     if let Some((believed, _)) = &believed {
         problem = problem.believing(believed);
     }

@@ -7,7 +7,7 @@
 //! reading or a first-order autoregression. By the identity of Woodbury a likelihood needs matrices of
 //! the components' number only.
 //!
-//! Where the runs reach far beyond the measurement the emulator sees them warped; see [`Warp`]. Residuals are
+//! Where the runs reach far beyond the measurement the emulator sees them warped; see [`warp`](crate::warp). Residuals are
 //! those of the readings all the same, and B is then the derivative at the measurement.
 
 mod held_out;
@@ -21,6 +21,7 @@ use super::space::Space;
 use super::surrogate::Surrogate;
 use crate::Emulator;
 use crate::cholesky::{Cholesky, Triangle, dot};
+use crate::warp::Warp;
 
 /// What was measured; all observables behind each other, each at all steps.
 #[derive(Clone, Debug)]
@@ -76,45 +77,6 @@ impl Measured {
     /// The observable of a reading.
     pub fn observable_of(&self, reading: usize) -> usize {
         self.starts.partition_point(|start| *start <= reading) - 1
-    }
-}
-
-/// What an emulator sees of an observable: the readings as they are, or s asinh(y/s), which is y near zero and
-/// grows as the logarithm beyond s. Runs that are a hundred times too large then do not hide what those near the
-/// measurement say.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Warp {
-    scale: Option<f64>,
-}
-
-/// s, as a share of the largest reading.
-const WARPED_FROM: f64 = 0.3;
-
-impl Warp {
-    /// For an observable whose largest reading and largest simulated value, without their signs, are these: where the
-    /// runs reach so many times beyond the measurement.
-    pub fn new(measured: f64, simulated: f64, far: f64) -> Self {
-        Self { scale: (measured > 0.0 && simulated > far * measured).then_some(WARPED_FROM * measured) }
-    }
-
-    /// Whether anything changes.
-    pub fn is_some(self) -> bool {
-        self.scale.is_some()
-    }
-
-    /// What the emulator sees.
-    pub fn there(self, y: f64) -> f64 {
-        self.scale.map_or(y, |s| s * (y / s).asinh())
-    }
-
-    /// The value of what the emulator gives.
-    pub fn back(self, t: f64) -> f64 {
-        self.scale.map_or(t, |s| s * (t / s).clamp(-100.0, 100.0).sinh())
-    }
-
-    /// The derivative of what it sees.
-    pub fn slope(self, y: f64) -> f64 {
-        self.scale.map_or(1.0, |s| 1.0 / (y / s).hypot(1.0))
     }
 }
 
@@ -639,23 +601,5 @@ impl Posterior<'_> {
         } else {
             f64::NEG_INFINITY
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_warp_goes_there_and_back_and_its_slope_is_its_difference_quotient() {
-        let warp = Warp::new(2.0, 1e4, 4.0);
-        for y in [-700.0, -0.3, 0.0, 1.0, 2.0, 5e3] {
-            let there = warp.there(y);
-            assert!((warp.back(there) - y).abs() <= 1e-12 * y.abs().max(1.0), "{y}");
-            let quotient = (warp.there(y + 1e-5) - warp.there(y - 1e-5)) / 2e-5;
-            assert!((warp.slope(y) - quotient).abs() < 1e-6, "{y}");
-        }
-        let none = Warp::new(2.0, 5.0, 4.0);
-        assert_eq!((none.there(5.0), none.back(5.0), none.slope(5.0)), (5.0, 5.0, 1.0));
     }
 }

@@ -157,7 +157,7 @@ fn descended(covariance: &Filled<'_>, own: &Model<'_>, w: &[f64], within: &[With
     within.iter().for_each(|&(j, low, high)| point[j] = point[j].clamp(low, high));
     let (mut residual, mut square) = measured(&point);
     for _ in 0..STEPS {
-        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let by_coordinate = predictor.gradient(&point);
         let slopes = by_coordinate.select_columns(within.iter().map(|(j, ..)| j));
         let solved = covariance.solve(&slopes);
         let uphill = solved.tr_mul(&residual);

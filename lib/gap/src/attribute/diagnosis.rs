@@ -12,14 +12,9 @@ use crate::attribute::measurement::{Kind, MeasurementEffect};
 use crate::attribute::problem::Problem;
 use crate::attribute::test::Test;
 use crate::attribute::untried::{Untried, ignorance, untried};
-use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
-
-/// Components of an emulator at most: weak effects hide in the later ones, and where packings scatter so does what an
-/// effect does to a reading that does not.
-const COMPONENTS: usize = 40;
 
 /// What may explain a gap: the effects of the prior, which act in all tests, and those of the measurement, each in its
 /// own.
@@ -76,23 +71,6 @@ pub fn candidates(
 
 fn is_same(value: f64, off: f64) -> bool {
     (value - off).abs() <= 1e-9 * off.abs().max(1e-300)
-}
-
-/// An emulator of a design, good enough for a noise (if it is known).
-///
-/// # Errors
-/// If there are too few runs, or the tables do not belong together.
-pub fn emulate(
-    prior: &Prior,
-    samples: &Samples,
-    ensemble: &Ensemble,
-    noise: Option<&Vec<Vec<f64>>>,
-    seed: u64,
-) -> Result<Emulator> {
-    let noise = noise.cloned();
-    let options =
-        Options { noise, max_components: COMPONENTS, may_be_scatter: true, seed, ..Options::default() };
-    Emulator::fit(prior, samples, ensemble, &options)
 }
 
 /// One row of a diagnosis.
@@ -228,66 +206,11 @@ pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-
     use super::*;
-    use gl_inference::observations::Observations;
-    use gl_inference::samples::sample_names;
-    use gl_table::Table;
 
     #[test]
     fn what_rounding_makes_more_than_certain_is_certain() {
         assert_eq!(together([0.5, 0.25].into_iter()), 0.75);
         assert_eq!(together([1.0 - 1e-15, 2e-14].into_iter()), 1.0);
-    }
-
-    const STEPS: usize = 50;
-    const NOISE: f64 = 0.01;
-
-    /// Runs of packings that are all alike before they are sheared, but for the effect, and scatter jaggedly from then on.
-    fn packings(runs: usize) -> (Prior, Samples, Ensemble) {
-        let text = "name lower upper effect off\nmu 0.2 0.6 - -\nd 0.05 0.4 piston 0\n";
-        let prior = Prior::from_table(&Table::parse("params.txt", text.into()).unwrap()).unwrap();
-        let mut random = ChaCha8Rng::seed_from_u64(3);
-        let names = sample_names("test", 0, runs).unwrap();
-        let control: Vec<f64> = (0..STEPS).map(|t| t as f64 / STEPS as f64).collect();
-        let observations = Observations {
-            source: "obs.txt".to_owned(),
-            control_name: "e_z".to_owned(),
-            control: control.clone(),
-            names: vec!["s".to_owned()],
-            values: vec![vec![0.0; STEPS]],
-            sd: vec![None],
-        };
-        let mut ensemble = Ensemble::new(&observations, false);
-        let mut values = Vec::new();
-        for (i, name) in names.iter().enumerate() {
-            let row = vec![
-                random.random_range(0.2..0.6),
-                if i % 2 == 0 { 0.0 } else { random.random_range(0.05..0.4) },
-            ];
-            let mut curve: Vec<f64> =
-                control.iter().map(|e| 1.0 + row[1] + 3.0 * row[0] * e.sqrt()).collect();
-            for k in 1..STEPS {
-                let height = 0.15 * random.random_range(-1.0..1.0) / (k as f64).sqrt();
-                curve.iter_mut().zip(&control).for_each(|(y, e)| *y += height * (1.57 * k as f64 * e).sin());
-            }
-            ensemble.push(name, &[curve], None);
-            values.push(row);
-        }
-        let samples = Samples { source: "samples.txt".to_owned(), names, parameters: prior.names(), values };
-        (prior, samples, ensemble)
-    }
-
-    #[test]
-    fn an_effect_on_one_reading_is_known_though_all_others_scatter() {
-        let (prior, samples, ensemble) = packings(80);
-        let emulator = emulate(&prior, &samples, &ensemble, Some(&vec![vec![NOISE; STEPS]]), 1).unwrap();
-        for d in [0.1, 0.2, 0.3] {
-            let first = emulator.predict(&emulator.coordinates(&[0.4, d]));
-            let (off, sd) = (first.mean[0] - 1.0 - d, first.variance[0].sqrt());
-            assert!(off.abs() < 2.0 * NOISE && sd < 2.0 * NOISE, "{d}: {off} ± {sd}");
-        }
     }
 }

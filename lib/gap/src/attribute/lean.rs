@@ -88,7 +88,7 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
     let before = square(&residual)?;
     let mut lowest = before;
     for _ in 0..ITERATIONS {
-        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let by_coordinate = predictor.gradient(&point);
         let slopes = DMatrix::from_fn(residual.len(), free.len(), |i, k| by_coordinate[(i, free[k])]);
         let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&slopes))?;
         let mut information = slopes.tr_mul(&solved);

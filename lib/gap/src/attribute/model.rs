@@ -125,7 +125,7 @@ impl<'a> Model<'a> {
         for &j in self.free.iter().filter(|j| !base.contains(j)) {
             without[j] = self.off[j];
         }
-        let off = self.simulated(&self.problem.predictor.mean(&without));
+        let off = self.simulated(&without);
         self.mean(w).iter().zip(&off).map(|(on, off)| on - off).collect()
     }
 
@@ -224,8 +224,9 @@ impl<'a> Model<'a> {
 
     /// What the simulation and the measurement make of the parameters.
     pub fn curve(&self, w: &[f64]) -> Curve {
-        let Prediction { mean, variance } = self.problem.predictor.predict(&self.point(w));
-        Curve { mean: self.measure(self.simulated(&mean), w), variance }
+        let predictor = self.problem.predictor;
+        let Prediction { mean, variance } = predictor.predict(&self.point(w));
+        Curve { mean: self.measure(predictor.curve(&mean), w), variance }
     }
 
     /// Variance of each component at several parameters, shape (points, components).
@@ -237,24 +238,17 @@ impl<'a> Model<'a> {
 
     /// The predicted measurement without its variance, shape (observables · steps).
     pub fn mean(&self, w: &[f64]) -> Vec<f64> {
-        self.measure(self.simulated(&self.problem.predictor.mean(&self.point(w))), w)
+        self.measured_at(&self.point(w), w)
     }
 
     /// The predicted measurement at a point of the simulation, with the effects of the measurement as at `w`,
     /// shape (observables · steps).
     pub fn measured_at(&self, point: &[f64], w: &[f64]) -> Vec<f64> {
-        self.measure(self.simulated(&self.problem.predictor.mean(point)), w)
+        self.measure(self.simulated(point), w)
     }
 
-    fn simulated(&self, components: &[f64]) -> Vec<f64> {
-        let predictor = self.problem.predictor;
-        let mut curve = predictor.centre().to_vec();
-        for (pattern, &component) in predictor.basis().column_iter().zip(components) {
-            for (y, p) in curve.iter_mut().zip(pattern.iter()) {
-                *y += component * p;
-            }
-        }
-        curve
+    fn simulated(&self, point: &[f64]) -> Vec<f64> {
+        self.problem.predictor.curve(&self.problem.predictor.mean(point))
     }
 
     fn measure(&self, mut curve: Vec<f64>, w: &[f64]) -> Vec<f64> {
@@ -272,8 +266,8 @@ impl<'a> Model<'a> {
         const STEP: f64 = 1e-4;
         let predictor = self.problem.predictor;
         let point = self.point(w);
-        let simulated = self.simulated(&predictor.mean(&point));
-        let by_coordinate = predictor.basis() * predictor.gradient(&point);
+        let simulated = predictor.curve(&predictor.mean(&point));
+        let by_coordinate = predictor.gradient(&point);
         let mut gradient = DMatrix::zeros(simulated.len(), self.curve_parameters());
         let mut moved = w.to_vec();
         for (column, &j) in self.free.iter().enumerate() {

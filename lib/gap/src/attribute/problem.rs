@@ -99,10 +99,10 @@ impl<'a> Problem<'a> {
     ) -> Result<Self> {
         let readings = tests.last().map_or(0, |test| test.readings.end);
         ensure!(
-            predictor.centre().len() == readings,
+            predictor.readings() == readings,
             "{}: {readings} readings, but the simulation gives {}",
             observations.source,
-            predictor.centre().len()
+            predictor.readings()
         );
         ensure!(scatter >= 0.0, "--scatter {scatter}: give a share of at least 0");
         let ranges = ranges(observations, &tests)?;

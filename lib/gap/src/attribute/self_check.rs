@@ -6,10 +6,10 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::{UNEXPLAINED, attribute};
-use crate::attribute::diagnosis::emulate;
 use crate::attribute::hypothesis::{Candidate, name};
 use crate::attribute::mode::standard_normal;
 use crate::attribute::problem::Problem;
+use crate::attribute::simulation::Simulation;
 use crate::attribute::test::Test;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
@@ -95,7 +95,9 @@ pub fn self_check(
             rest.push(&design.ensemble.samples[run], &design.ensemble.curves(run), None);
         }
         let noise_of_all = noise.to_vec();
-        let emulator = emulate(design.prior, design.samples, &rest, Some(&noise_of_all), seed)?;
+        let runs = (design.samples, &rest);
+        let simulation =
+            Simulation::new(design.prior, runs, &observations.values, Some(&noise_of_all), seed)?;
         for &run in taken {
             let mut measured = observations.clone();
             for (j, values) in measured.values.iter_mut().enumerate() {
@@ -104,8 +106,9 @@ pub fn self_check(
                 }
             }
             let candidates = design.candidates.to_vec();
+            let simulation = simulation.seen_from(&measured.values);
             let problem = Problem::of_tests(
-                &emulator,
+                &simulation,
                 design.prior,
                 candidates,
                 (&measured, tests.to_vec()),

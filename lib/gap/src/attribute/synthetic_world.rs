@@ -1,6 +1,6 @@
 //! A simulation in closed form, for tests: straight in its parameters.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::attribute::hypothesis::Candidate;
 use crate::attribute::measurement::{Kind, MeasurementEffect};
@@ -11,7 +11,6 @@ use gl_inference::prior::{Parameter, Prior, Scale};
 
 /// Curves a + b x, and an effect c sin(6x), x from 0 to 1: as components, exactly.
 pub struct Straight {
-    centre: Vec<f64>,
     basis: DMatrix<f64>,
     left_over: Vec<f64>,
     variance: f64,
@@ -31,7 +30,7 @@ impl Straight {
     /// Known to this variance of each component.
     pub fn unsure(variance: f64) -> Self {
         let basis = DMatrix::from_fn(STEPS, 3, |t, i| [1.0, x(t), (6.0 * x(t)).sin()][i]);
-        Self { centre: vec![0.0; STEPS], basis, left_over: vec![0.0; STEPS], variance }
+        Self { basis, left_over: vec![0.0; STEPS], variance }
     }
 
     /// Parameters a, b and the effect's c, normal with mean 1 and sd 0.5 (c: mean 0, sd 1).
@@ -99,8 +98,12 @@ impl Straight {
 }
 
 impl Predictor for Straight {
-    fn centre(&self) -> &[f64] {
-        &self.centre
+    fn readings(&self) -> usize {
+        STEPS
+    }
+
+    fn curve(&self, components: &[f64]) -> Vec<f64> {
+        (&self.basis * DVector::from_column_slice(components)).as_slice().to_vec()
     }
 
     fn basis(&self) -> &DMatrix<f64> {

@@ -76,10 +76,11 @@ impl Likelihood<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Measured, Nuisances, Warp};
+    use super::super::{Measured, Nuisances};
     use super::*;
     use crate::posterior::space::Space;
     use crate::posterior::surrogate::{PLAIN, Ranked};
+    use crate::warp::Warp;
     use gl_inference::ensemble::Ensemble;
     use gl_inference::observations::Observations;
     use gl_inference::prior::Prior;
