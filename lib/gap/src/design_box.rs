@@ -9,7 +9,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use crate::attribute::lean;
+use crate::attribute::attribution::lean;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::weights::Weights;
 use gl_table::Table;
@@ -53,14 +53,14 @@ pub fn narrow(prior: &Prior, weights: &Weights) -> Result<Prior> {
 
 /// What a hypothesis that is not ruled out says of a parameter: the bound that it leans on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lean {
+pub struct Pull {
     /// The parameter.
     pub parameter: String,
     /// −1 the lower bound, 1 the upper, 0 none; −2 and 2 where the measurement pulls it beyond.
     pub side: f64,
 }
 
-impl From<&lean::Lean> for Lean {
+impl From<&lean::Lean> for Pull {
     fn from(found: &lean::Lean) -> Self {
         Self { parameter: found.parameter.clone(), side: if found.is_upper { PULLED } else { -PULLED } }
     }
@@ -70,11 +70,11 @@ impl From<&lean::Lean> for Lean {
 ///
 /// # Errors
 /// If it cannot be read, or lacks the columns `parameter lean`.
-pub fn read_leans(path: &Path) -> Result<Vec<Lean>> {
+pub fn read_leans(path: &Path) -> Result<Vec<Pull>> {
     let table = Table::read(path)?;
     let parameter = table.format().column("parameter")?;
     let sides = table.numbers("lean")?;
-    let lean = |(row, side)| Lean { parameter: table.field(row, parameter).to_owned(), side };
+    let lean = |(row, side)| Pull { parameter: table.field(row, parameter).to_owned(), side };
     Ok(sides.into_iter().enumerate().map(lean).collect())
 }
 
@@ -102,7 +102,7 @@ const MOST_BEYOND: f64 = 1.0;
 ///
 /// # Errors
 /// If a parameter of the box is not in the prior.
-pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Lean], limit: Limit) -> Result<Option<Prior>> {
+pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Pull], limit: Limit) -> Result<Option<Prior>> {
     let leaning = |is_of: fn(f64) -> bool| -> BTreeSet<&str> {
         leans.iter().filter(|lean| is_of(lean.side)).map(|lean| lean.parameter.as_str()).collect()
     };
@@ -282,7 +282,7 @@ mod tests {
     fn a_box_grows_where_a_hypothesis_leans_on_it_and_nowhere_else() {
         let narrowed =
             prior("name lower upper scale effect off\na 3 7 - - -\nb 10 100 log - -\nc 0 1 - extra 0\n");
-        let lean = |parameter: &str, side: f64| Lean { parameter: parameter.to_owned(), side };
+        let lean = |parameter: &str, side: f64| Pull { parameter: parameter.to_owned(), side };
         let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
         let wider = widen(&prior(PARAMS), &narrowed, &leans, Limit::Prior).unwrap().unwrap();
         has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn a_box_grows_beyond_the_prior_twice_by_half_its_width_and_keeps_its_sign() {
-        let lean = |parameter: &str, side: f64| Lean { parameter: parameter.to_owned(), side };
+        let lean = |parameter: &str, side: f64| Pull { parameter: parameter.to_owned(), side };
         let leans = [lean("a", -2.0), lean("b", 2.0), lean("c", 2.0)];
         let whole =
             prior("name lower upper scale effect off\na 2 10 - - -\nb 1 10000 log - -\nc 0.5 1 - extra 0\n");

@@ -295,6 +295,11 @@ impl Prior {
         effects
     }
 
+    /// Whether an effect is at work in a sample, shape (parameters,): one of its parameters is not at `off`.
+    pub fn is_on(&self, effect: &Effect, values: &[f64]) -> bool {
+        effect.parameters.iter().any(|&j| !self.parameters[j].is_off(values[j]))
+    }
+
     /// Effects by name, in the order of the table.
     ///
     /// # Errors
@@ -330,6 +335,11 @@ fn check_effect_name(name: &str) -> Result<(), String> {
 }
 
 impl Parameter {
+    /// Whether its effect is absent at a value.
+    pub fn is_off(&self, value: f64) -> bool {
+        self.off.is_some_and(|off| (value - off).abs() <= 1e-9 * off.abs())
+    }
+
     /// The value below which the prior holds the share `u` in [0, 1] of its probability.
     pub fn quantile(&self, u: f64) -> f64 {
         let (low, high) = self.scaled_bounds();

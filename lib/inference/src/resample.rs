@@ -69,7 +69,7 @@ pub fn resample(weights: &Weights, prior: &Prior, how: &Resampling) -> Result<Re
     ensure!(!weights.is_empty(), "{}: no samples to draw new ones from", weights.source);
     let all = columns(weights, prior)?;
     let varied: Vec<usize> = (0..prior.parameters().len())
-        .filter(|&j| prior.parameters()[j].off.is_none_or(|off| all.iter().any(|row| row[j] != off)))
+        .filter(|&j| all.iter().any(|row| !prior.parameters()[j].is_off(row[j])))
         .collect();
     let parameters: Vec<Parameter> = varied.iter().map(|&j| prior.parameters()[j].clone()).collect();
     ensure!(!parameters.is_empty(), "{}: every effect is off; nothing varies", weights.source);
@@ -135,7 +135,7 @@ fn inside(
         varied
             .iter()
             .zip(parameters)
-            .all(|(&j, p)| p.off == Some(row[j]) || (-1e-9..=1.0 + 1e-9).contains(&p.coordinate(row[j])))
+            .all(|(&j, p)| p.is_off(row[j]) || (-1e-9..=1.0 + 1e-9).contains(&p.coordinate(row[j])))
     };
     let mut shares = weights.weight.clone();
     if all.iter().all(is_inside) {

@@ -1,7 +1,7 @@
 //! The worlds that cases are drawn from, and what is called known about them beforehand.
 
 use anyhow::{Context, Result, ensure};
-use gl_gap::attribute::test::Test;
+use gl_gap::attribute::problem::test::Test;
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;

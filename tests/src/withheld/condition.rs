@@ -2,8 +2,8 @@
 //! prior, what else the measurement has in it.
 
 use anyhow::{Context, Result, bail};
-use gl_gap::attribute::mode::standard_normal;
-use gl_gap::attribute::path;
+use gl_gap::attribute::evidence::mode::standard_normal;
+use gl_gap::attribute::problem::path;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use anyhow::Result;
 use gl_gap::attribute::attribution::Explanation;
-use gl_gap::attribute::closure::Shrink;
+use gl_gap::attribute::attribution::closure::Foretold;
 use gl_gap::attribute::diagnosis;
 use gl_gap::attribute::diagnosis::{Diagnosis, shrink};
-use gl_gap::attribute::hypothesis::Candidate;
-use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::next_runs::next_runs;
-use gl_gap::attribute::predictor::Predictor;
 use gl_gap::attribute::problem::Problem;
+use gl_gap::attribute::problem::hypothesis::Candidate;
+use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
+use gl_gap::attribute::problem::predictor::Predictor;
+use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
-use gl_gap::attribute::simulation::Simulation;
 use gl_gap::attribute::winner::cause;
 use gl_gap::design_box::{self, Limit, goes_beyond, widen};
 use gl_inference::design::{self, Effects};
@@ -123,7 +123,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
 
 /// What a case comes down to, how far the gap should close if an effect comes first, whether the prior was made
 /// wider, and the number of runs.
-type Verdict = (Diagnosis, Option<Shrink>, bool, usize);
+type Verdict = (Diagnosis, Option<Foretold>, bool, usize);
 
 fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
@@ -166,7 +166,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         if !how.in_rounds {
             return Ok(found);
         }
-        let leans: Vec<design_box::Lean> = found.0.leans.iter().map(design_box::Lean::from).collect();
+        let leans: Vec<design_box::Pull> = found.0.leans.iter().map(design_box::Pull::from).collect();
         let wider = widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?;
         let how_far = |wider: &Prior| -> Result<Wider> {
             let is_beyond = goes_beyond(&shared.prior, &design.prior, wider)?;
@@ -236,7 +236,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
         let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));
         table.text(nearest).text(&diagnosis.rows[0].confounded.join(","));
-        let closes = closes.unwrap_or(Shrink { median: 0.0, low: 0.0, high: 0.0 });
+        let closes = closes.unwrap_or(Foretold { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =
             diagnosis.effects.iter().map(|(name, probability)| format!("{name}={probability:.4}")).collect();

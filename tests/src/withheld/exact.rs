@@ -2,8 +2,8 @@
 //! exactly.
 
 use anyhow::{Error, Result};
-use gl_gap::attribute::predictor::{Prediction, Predictor};
-use gl_gap::attribute::simulation::Simulation;
+use gl_gap::attribute::problem::predictor::{Predicted, Predictor};
+use gl_gap::attribute::problem::simulation::Simulation;
 use gl_inference::observations::{ByName, Observations};
 use gl_inference::prior::{Parameter, Prior};
 use nalgebra::{DMatrix, DVector};
@@ -72,7 +72,7 @@ impl Predictor for Exact<'_> {
         self.simulation.curve(components)
     }
 
-    fn predict(&self, point: &[f64]) -> Prediction {
+    fn predict(&self, point: &[f64]) -> Predicted {
         let value = |(parameter, &at): (&Parameter, &f64)| {
             let is_off = |off: &f64| (parameter.coordinate(*off) - at).abs() < 1e-12;
             parameter.off.filter(is_off).unwrap_or_else(|| parameter.at_coordinate(at))
@@ -80,9 +80,9 @@ impl Predictor for Exact<'_> {
         let values: Vec<f64> = self.prior.parameters().iter().zip(point).map(value).collect();
         let components = self.inverse.nrows();
         let Ok(curves) = self.bench.simulate(&self.bench.with_rest_off(self.prior, &values)) else {
-            return Prediction { mean: vec![f64::NAN; components], variance: vec![0.0; components] };
+            return Predicted { mean: vec![f64::NAN; components], variance: vec![0.0; components] };
         };
         let mean = &self.inverse * DVector::from_vec(self.simulation.away(&curves.concat()));
-        Prediction { mean: mean.as_slice().to_vec(), variance: vec![0.0; components] }
+        Predicted { mean: mean.as_slice().to_vec(), variance: vec![0.0; components] }
     }
 }

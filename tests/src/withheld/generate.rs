@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use gl_gap::attribute::measurement::{Kind, MeasurementEffect};
+use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
 use gl_inference::observations::range;
 use gl_inference::prior::{Effect, Parameter};
 use gl_table::TableWriter;

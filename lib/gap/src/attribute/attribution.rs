@@ -1,19 +1,37 @@
 //! Which effect explains the gap: the probability of every hypothesis.
+//!
+//! * Before: [`visible`], which candidates the measurement can show at all.
+//! * What evidence alone does not settle: [`closure`], how far effects close the gap; [`untried`], those that the emulator
+//!   knows too little of; [`lean`], whether the truth may lie beyond the bounds.
+//! * After: [`confounding`], which hypotheses the measurement cannot tell apart, [`told`], which of several tests does, and
+//!   [`forecast`], what it would take to; [`rest`], what else there is and what that goes with; [`marginals`] and [`draws`],
+//!   what is known of the parameters then.
+
+pub mod closure;
+pub mod confounding;
+pub mod draws;
+pub mod forecast;
+pub mod lean;
+pub mod marginals;
+pub mod rest;
+pub mod told;
+pub mod untried;
+pub mod visible;
 
 use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::attribute::adequacy::{INADEQUATE, predictive_probability};
-use crate::attribute::closure::closes;
+use crate::attribute::attribution::closure::closes;
+use crate::attribute::attribution::untried::is_too_vague;
+use crate::attribute::attribution::visible::visible;
+use crate::attribute::evidence::adequacy::{INADEQUATE, predictive_probability};
+use crate::attribute::evidence::mode::{Mode, find};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
-use crate::attribute::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
-use crate::attribute::mode::{Mode, find};
-use crate::attribute::model::Model;
 use crate::attribute::problem::Problem;
-use crate::attribute::untried::is_too_vague;
-use crate::attribute::visible::visible;
+use crate::attribute::problem::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
 use crate::noise::OTHER_NOISE;
 use gl_numeric::statistics::ln_sum_exp;
 use gl_progress::stage;

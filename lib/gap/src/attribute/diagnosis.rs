@@ -3,15 +3,15 @@
 
 use anyhow::{Result, ensure};
 
+use crate::attribute::attribution::closure::{self, Fitted, Foretold};
+use crate::attribute::attribution::confounding::confounded;
+use crate::attribute::attribution::lean::{Lean, leans};
+use crate::attribute::attribution::untried::{Untried, ignorance, untried};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, attribute};
-use crate::attribute::closure::{self, Fitted, Shrink};
-use crate::attribute::confounding::confounded;
-use crate::attribute::hypothesis::Candidate;
-use crate::attribute::lean::{Lean, leans};
-use crate::attribute::measurement::{Kind, MeasurementEffect};
 use crate::attribute::problem::Problem;
-use crate::attribute::test::Test;
-use crate::attribute::untried::{Untried, ignorance, untried};
+use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::test::Test;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
@@ -32,11 +32,7 @@ pub fn candidates(
     let runs = samples.of_runs(&prior.names(), ensemble)?;
     let effects = prior.effects();
     for effect in &effects {
-        let is_on = |run: &&Vec<f64>| {
-            let off = |&j: &usize| prior.parameters()[j].off;
-            effect.parameters.iter().any(|j| off(j).is_some_and(|off| !is_same(run[*j], off)))
-        };
-        let on = runs.iter().filter(is_on).count();
+        let on = runs.iter().filter(|run| prior.is_on(effect, run)).count();
         let design = format!(
             "make the design with `gl-sample -p params.txt -n {} --effects switch` and run it",
             25 * prior.parameters().len()
@@ -67,10 +63,6 @@ pub fn candidates(
          or give --measurement"
     );
     Ok(all)
-}
-
-fn is_same(value: f64, off: f64) -> bool {
-    (value - off).abs() <= 1e-9 * off.abs().max(1e-300)
 }
 
 /// One row of a diagnosis.
@@ -186,7 +178,7 @@ fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
-pub fn shrink(problem: &Problem<'_>, base: &Explanation, of: &Explanation, seed: u64) -> Result<Shrink> {
+pub fn shrink(problem: &Problem<'_>, base: &Explanation, of: &Explanation, seed: u64) -> Result<Foretold> {
     let (before, after) = (base.model(problem), of.model(problem));
     let before = Fitted { model: &before, mode: &base.evidence.modes[0], mean: &base.evidence.mean };
     let after = Fitted { model: &after, mode: &of.evidence.modes[0], mean: &of.evidence.mean };

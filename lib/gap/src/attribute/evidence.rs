@@ -1,13 +1,24 @@
 //! The evidence of a hypothesis: adaptive multiple importance sampling from its modes.
+//!
+//! A [`model`] is the parameters of one hypothesis and the density of the measurement given them; [`mode`] climbs to the most
+//! probable ones, from where this module integrates, with what the emulator does not know there by [`ignorance`].
+//! [`adequacy`] says whether the hypothesis fits at all, and [`descent`] calibrates its parameters again, within other bounds or
+//! by another covariance.
+
+pub mod adequacy;
+pub mod descent;
+pub mod ignorance;
+pub mod mode;
+pub mod model;
 
 use anyhow::{Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::attribute::ignorance::Ignorance;
-use crate::attribute::mode::{Mode, standard_normal};
-use crate::attribute::model::{Curve, Model, ln_prior};
+use crate::attribute::evidence::ignorance::Ignorance;
+use crate::attribute::evidence::mode::{Mode, standard_normal};
+use crate::attribute::evidence::model::{Curve, Model, ln_prior};
 use gl_numeric::statistics::{effective_size, ln_sum_exp, moments, normalised};
 
 /// The evidence of a hypothesis and its posterior.
@@ -308,7 +319,7 @@ mod tests {
     fn found(model: &mut Model<'_>, seed: u64) -> Evidence {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let starts: Vec<Vec<f64>> = if model.has_rest() { vec![vec![0.0; model.len()]] } else { Vec::new() };
-        let modes = crate::attribute::mode::find(model, &starts, &mut random);
+        let modes = crate::attribute::evidence::mode::find(model, &starts, &mut random);
         evidence(model, modes, FINE, &mut random).unwrap()
     }
 

@@ -3,10 +3,10 @@
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, RuledOut};
-use crate::attribute::hypothesis::{is_part, ln_prior_odds};
 use crate::attribute::problem::Problem;
-use crate::attribute::untried::Untried;
+use crate::attribute::problem::hypothesis::{is_part, ln_prior_odds};
 use gl_inference::prior::{normal_cdf, normal_quantile};
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::moments;

@@ -1,16 +1,32 @@
 //! The question that every hypothesis answers: a measurement, and a simulation to explain it by.
+//!
+//! * What may explain it: [`hypothesis`], the candidates and their sets; [`measurement`], errors of the rig as candidates,
+//!   which transform a curve along the control's [`path`] and are each of one [`test`](mod@test); [`belief`], what was believed of
+//!   parameters whose bounds were made wider.
+//! * What predicts: [`predictor`], curves at any parameters; [`simulation`], those of a design's runs.
+//! * What is left: the covariance of the readings, which [`gaussian`] factors, with its smooth part by [`discrepancy`].
+
+pub mod belief;
+pub mod discrepancy;
+pub mod gaussian;
+pub mod hypothesis;
+pub mod measurement;
+pub mod path;
+pub mod predictor;
+pub mod simulation;
+pub mod test;
 
 use std::ops::Range;
 
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::attribute::belief::Belief;
-use crate::attribute::discrepancy::Smooth;
-use crate::attribute::gaussian::{Filled, Level, Patterns};
-use crate::attribute::hypothesis::Candidate;
-use crate::attribute::predictor::Predictor;
-use crate::attribute::test::Test;
+use crate::attribute::problem::belief::Belief;
+use crate::attribute::problem::discrepancy::Smooth;
+use crate::attribute::problem::gaussian::{Filled, Level, Patterns};
+use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::predictor::Predictor;
+use crate::attribute::problem::test::Test;
 use crate::noise::scale;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;

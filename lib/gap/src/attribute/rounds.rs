@@ -7,7 +7,7 @@
 use anyhow::Result;
 use gl_table::Table;
 
-use crate::attribute::untried::KNOWN;
+use crate::attribute::attribution::untried::KNOWN;
 use crate::attribute::winner::most_probable;
 
 /// The sizes of rounds, as shares of all runs.

@@ -6,11 +6,11 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::{UNEXPLAINED, attribute};
-use crate::attribute::hypothesis::{Candidate, name};
-use crate::attribute::mode::standard_normal;
+use crate::attribute::evidence::mode::standard_normal;
 use crate::attribute::problem::Problem;
-use crate::attribute::simulation::Simulation;
-use crate::attribute::test::Test;
+use crate::attribute::problem::hypothesis::{Candidate, name};
+use crate::attribute::problem::simulation::Simulation;
+use crate::attribute::problem::test::Test;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
@@ -66,11 +66,7 @@ pub fn self_check(
     let truth = |run: usize| -> Vec<usize> {
         let is_on = |candidate: &Candidate| match candidate {
             Candidate::Measured(_) => false,
-            Candidate::Simulated(effect) => effect.parameters.iter().any(|&j| {
-                design.prior.parameters()[j]
-                    .off
-                    .is_some_and(|off| (values[run][j] - off).abs() > 1e-9 * off.abs())
-            }),
+            Candidate::Simulated(effect) => design.prior.is_on(effect, &values[run]),
         };
         (0..design.candidates.len()).filter(|&i| is_on(&design.candidates[i])).collect()
     };

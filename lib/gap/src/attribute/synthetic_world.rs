@@ -2,10 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::attribute::hypothesis::Candidate;
-use crate::attribute::measurement::{Kind, MeasurementEffect};
-use crate::attribute::predictor::{Prediction, Predictor};
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::predictor::{Predicted, Predictor};
 use gl_inference::observations::Observations;
 use gl_inference::prior::{Parameter, Prior, Scale};
 
@@ -118,9 +118,9 @@ impl Predictor for Straight {
         vec![0.0; 3]
     }
 
-    fn predict(&self, point: &[f64]) -> Prediction {
+    fn predict(&self, point: &[f64]) -> Predicted {
         let value = |i: usize, mean: f64, sd: f64| mean + sd * (16.0 * point[i] - 8.0);
-        Prediction {
+        Predicted {
             mean: vec![value(0, 1.0, 0.5), value(1, 1.0, 0.5), value(2, 0.0, 1.0)],
             variance: vec![self.variance; 3],
         }

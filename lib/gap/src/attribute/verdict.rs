@@ -2,18 +2,18 @@
 
 use anyhow::Result;
 
+use crate::attribute::attribution::confounding::difference;
+use crate::attribute::attribution::forecast::{Effort, effort};
+use crate::attribute::attribution::lean::Lean;
+use crate::attribute::attribution::marginals::{Marginal, marginals};
+use crate::attribute::attribution::rest::{GoesWith, goes_with};
+use crate::attribute::attribution::told::{Told, told};
+use crate::attribute::attribution::untried::{KNOWN, ignorance};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
-use crate::attribute::confounding::difference;
 use crate::attribute::diagnosis::{Diagnosis, shrink};
-use crate::attribute::forecast::{Effort, effort};
-use crate::attribute::hypothesis::{is_part, name};
-use crate::attribute::lean::Lean;
-use crate::attribute::marginals::{Marginal, marginals};
-use crate::attribute::path::short;
 use crate::attribute::problem::Problem;
-use crate::attribute::rest::{GoesWith, goes_with};
-use crate::attribute::told::{Told, told};
-use crate::attribute::untried::{KNOWN, ignorance};
+use crate::attribute::problem::hypothesis::{is_part, name};
+use crate::attribute::problem::path::short;
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -63,7 +63,7 @@ pub fn verdict(
         add_lean(&mut verdicts, lean, bounds);
     }
     let base = diagnosis.attribution.base();
-    let gap = crate::attribute::closure::gap(problem, &base.evidence.mean);
+    let gap = crate::attribute::attribution::closure::gap(problem, &base.evidence.mean);
     verdicts.add(
         "gap",
         gap,
@@ -314,7 +314,7 @@ fn add_rest(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation)
 
 /// Where most of a rest is: the observable and the stretch of the control, with a comma before.
 fn rest_places(problem: &Problem<'_>, of: &Explanation) -> String {
-    let rest = crate::attribute::rest::rest(problem, of);
+    let rest = crate::attribute::attribution::rest::rest(problem, of);
     rest.map_or_else(String::new, |rest| {
         let (observable, stretch) = rest.place(problem);
         format!(", in {}", problem.told(observable, &stretch))
@@ -517,9 +517,9 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+    use crate::attribute::attribution::untried::untried;
     use crate::attribute::diagnosis::diagnose;
     use crate::attribute::synthetic_world::Straight;
-    use crate::attribute::untried::untried;
 
     /// What is said of the cause where something unknown comes first with this probability, and the emulator has this variance.
     fn said_of_something_unknown(probability: f64, variance: f64) -> String {

@@ -5,9 +5,9 @@ use nalgebra::DMatrix;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::attribute::closure::absorb;
-use crate::attribute::mode::standard_normal;
-use crate::attribute::model::Model;
+use crate::attribute::attribution::closure::absorb;
+use crate::attribute::evidence::mode::standard_normal;
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 
 /// What a candidate adds to the curve and the base parameters cannot absorb must be so many standard

@@ -1,10 +1,10 @@
 //! Whether the measurement pulls a hypothesis that matters beyond the bounds of its parameters.
 
-use anyhow::{Context, Result};
-use nalgebra::{Cholesky, DMatrix, DVector};
+use anyhow::Result;
 
 use crate::attribute::attribution::{Explanation, RuledOut};
-use crate::attribute::model::Meaning;
+use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
+use crate::attribute::evidence::model::Meaning;
 use crate::attribute::problem::Problem;
 
 /// A parameter that the measurement pulls beyond a bound.
@@ -33,7 +33,8 @@ const MATTERS: (f64, f64) = (3.0, 0.3);
 const FURTHEST: f64 = 0.6;
 const LEAST: f64 = 0.02;
 
-const ITERATIONS: usize = 4;
+/// Beyond the runs a fit is a guess: few steps, and none along what the measurement hardly tells.
+const REACH: Reach = Reach { steps: 4, inertia: 1.0 };
 
 /// The parameters that the measurement pulls beyond their bounds under hypotheses that matter, those of the most
 /// probable hypothesis first, each once.
@@ -72,52 +73,12 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
 fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
     let model = of.model(problem);
     let w = of.best();
-    let free = model.simulated_parameters();
-    let predictor = problem.predictor;
-    let curve = model.curve(w);
-    let start = model.point(w);
-    let measure = |point: &[f64]| -> DVector<f64> {
-        let mean = model.measured_at(point, w);
-        DVector::from_vec(model.residual(&mean))
-    };
-    let square = |residual: &DVector<f64>| -> Result<f64> {
-        let column = DMatrix::from_column_slice(residual.len(), 1, residual.as_slice());
-        model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&column).dot(&column))
-    };
-    let (mut point, mut residual) = (start.clone(), measure(&start));
-    let before = square(&residual)?;
-    let mut lowest = before;
-    for _ in 0..ITERATIONS {
-        let by_coordinate = predictor.gradient(&point);
-        let slopes = DMatrix::from_fn(residual.len(), free.len(), |i, k| by_coordinate[(i, free[k])]);
-        let solved = model.with_covariance(w, &curve.variance, |covariance| covariance.solve(&slopes))?;
-        let mut information = slopes.tr_mul(&solved);
-        for k in 0..free.len() {
-            information[(k, k)] += 1.0;
-        }
-        let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
-        let mut step = factor.solve(&solved.tr_mul(&residual));
-        // As far as it helps: a long step beyond the runs is a guess.
-        let mut is_better = false;
-        for _ in 0..3 {
-            let mut next = point.clone();
-            for (&j, step) in free.iter().zip(step.iter()) {
-                next[j] = (next[j] + step).clamp(-FURTHEST, 1.0 + FURTHEST);
-            }
-            let there = measure(&next);
-            let value = square(&there)?;
-            if value < lowest {
-                (point, residual, lowest) = (next, there, value);
-                is_better = true;
-                break;
-            }
-            step *= 0.4;
-        }
-        if !is_better {
-            break;
-        }
-    }
-    let gain = 0.5 * (before - lowest);
+    let variance = model.curve(w).variance;
+    let within: Vec<Within> =
+        model.simulated_parameters().iter().map(|&j| (j, -FURTHEST, 1.0 + FURTHEST)).collect();
+    let descent =
+        model.with_covariance(w, &variance, |covariance| descend(covariance, &model, w, &within, REACH))?;
+    let Descent { point, fallen, .. } = descent?;
     let leans = model.meanings().into_iter().filter_map(|meaning| {
         let Meaning::Parameter(j) = meaning else { return None };
         let parameter = &problem.prior.parameters()[j];
@@ -132,7 +93,7 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
             hypothesis: of.name.clone(),
         })
     });
-    Ok((gain, leans.collect()))
+    Ok((0.5 * fallen, leans.collect()))
 }
 
 #[cfg(test)]

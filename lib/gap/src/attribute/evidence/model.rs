@@ -6,10 +6,10 @@ use std::sync::Arc;
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
-use crate::attribute::gaussian::{Filled, Patterns};
-use crate::attribute::hypothesis::Candidate;
-use crate::attribute::measurement::MeasurementEffect;
-use crate::attribute::predictor::Prediction;
+use crate::attribute::problem::gaussian::{Filled, Patterns};
+use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::measurement::MeasurementEffect;
+use crate::attribute::problem::predictor::Predicted;
 use crate::attribute::problem::{Nuisances, Problem};
 use gl_inference::prior::normal_cdf;
 
@@ -94,9 +94,9 @@ impl<'a> Model<'a> {
         }
         // The control is moved first, readings last: that is the order in the rig.
         measured.sort_by_key(|effect| match effect.kind {
-            crate::attribute::measurement::Kind::Compliance => 0,
-            crate::attribute::measurement::Kind::Lag => 1,
-            crate::attribute::measurement::Kind::Gain => 2,
+            crate::attribute::problem::measurement::Kind::Compliance => 0,
+            crate::attribute::problem::measurement::Kind::Lag => 1,
+            crate::attribute::problem::measurement::Kind::Gain => 2,
             _ => 3,
         });
         let off = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
@@ -225,7 +225,7 @@ impl<'a> Model<'a> {
     /// What the simulation and the measurement make of the parameters.
     pub fn curve(&self, w: &[f64]) -> Curve {
         let predictor = self.problem.predictor;
-        let Prediction { mean, variance } = predictor.predict(&self.point(w));
+        let Predicted { mean, variance } = predictor.predict(&self.point(w));
         Curve { mean: self.measure(predictor.curve(&mean), w), variance }
     }
 
@@ -233,7 +233,7 @@ impl<'a> Model<'a> {
     pub fn variances(&self, points: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let points: Vec<Vec<f64>> = points.iter().map(|w| self.point(w)).collect();
         let all = self.problem.predictor.predict_all(&points);
-        all.into_iter().map(|Prediction { variance, .. }| variance).collect()
+        all.into_iter().map(|Predicted { variance, .. }| variance).collect()
     }
 
     /// The predicted measurement without its variance, shape (observables · steps).

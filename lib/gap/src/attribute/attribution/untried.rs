@@ -1,8 +1,8 @@
 //! Effects that an emulator knows too little of to say that they are not the cause.
 
 use crate::attribute::attribution::{Explanation, RuledOut};
-use crate::attribute::hypothesis::Candidate;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::Candidate;
 
 /// An effect of the simulation, where it fits best.
 #[derive(Clone, Copy, Debug, PartialEq)]

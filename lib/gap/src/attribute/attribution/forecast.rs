@@ -3,8 +3,8 @@
 use anyhow::Result;
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::confounding::{Curve, curve, square_distance};
-use crate::attribute::model::Model;
+use crate::attribute::attribution::confounding::{Curve, curve, square_distance};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 
 /// Odds at which two explanations are told apart: nineteen to one.

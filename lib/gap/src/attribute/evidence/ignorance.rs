@@ -2,8 +2,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::attribute::mode::Mode;
-use crate::attribute::model::{Curve, Model};
+use crate::attribute::evidence::mode::Mode;
+use crate::attribute::evidence::model::{Curve, Model};
 
 /// The variances of the components about the modes of a model: their logarithms to second order along the
 /// principal directions of each mode.

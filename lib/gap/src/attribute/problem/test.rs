@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::attribute::discrepancy::Smooth;
-use crate::attribute::path::Path;
+use crate::attribute::problem::discrepancy::Smooth;
+use crate::attribute::problem::path::Path;
 use gl_inference::observations::Observations;
 use gl_inference::stack::Stack;
 

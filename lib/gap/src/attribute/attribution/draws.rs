@@ -1,8 +1,8 @@
 //! Draws of the simulation's parameters under the hypotheses that are in question.
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::hypothesis::name;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::name;
 use crate::residual::systematic;
 
 /// A set of effects, and what is known of the parameters where it is the cause.

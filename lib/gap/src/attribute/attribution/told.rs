@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::hypothesis::is_part;
 use crate::attribute::problem::Problem;
-use crate::attribute::test::Test;
+use crate::attribute::problem::hypothesis::is_part;
+use crate::attribute::problem::test::Test;
 
 /// What two hypotheses, each fitted to all tests, leave of one of them.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use anyhow::Result;
 use nalgebra::DMatrix;
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::closure::absorb;
+use crate::attribute::attribution::closure::absorb;
 use crate::attribute::problem::Problem;
 
 /// What is left over, as smooth as the rest is taken to be.

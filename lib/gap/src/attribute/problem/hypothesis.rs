@@ -1,6 +1,6 @@
 //! What may explain a gap: candidate effects, and every set of a few of them.
 
-use crate::attribute::measurement::MeasurementEffect;
+use crate::attribute::problem::measurement::MeasurementEffect;
 use gl_inference::prior::Effect;
 
 /// An effect that may be missing from the base model.

@@ -4,8 +4,8 @@ use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use crate::attribute::mode::Mode;
-use crate::attribute::model::Model;
+use crate::attribute::evidence::mode::Mode;
+use crate::attribute::evidence::model::Model;
 use gl_numeric::quadratic::exceedance;
 
 /// Below this predictive probability a hypothesis does not fit.

@@ -8,9 +8,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::gaussian::Filled;
-use crate::attribute::mode::{Mode, standard_normal};
-use crate::attribute::model::Model;
+use crate::attribute::evidence::descent::{Reach, Within, descend};
+use crate::attribute::evidence::mode::{Mode, standard_normal};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::{HEAVY_TAILS, Problem};
 use gl_numeric::statistics::Quantiles;
 
@@ -117,9 +117,6 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     Ok(1.0 - left(left_by(base)?, left_by(of)?, floor_in(&units, &model, w)?))
 }
 
-/// A parameter of the prior, and the coordinates between which it stays.
-type Within = (usize, f64, f64);
-
 /// Where parameters are believed to be, and as far beyond as a point is.
 fn believed(problem: &Problem<'_>, parameters: &[usize], point: &[f64]) -> Vec<Within> {
     let within = |&j: &usize| {
@@ -130,8 +127,7 @@ fn believed(problem: &Problem<'_>, parameters: &[usize], point: &[f64]) -> Vec<W
 }
 
 /// What is left of the measurement, shape (readings, 1), when parameters of a model's simulation are calibrated again
-/// within bounds, from where they are, in the metric of another model's noise and scatter: Gauss–Newton steps of
-/// those that no bound holds.
+/// within bounds, from where they are, in the metric of another model's noise and scatter.
 fn recalibrated(
     (metric, at): Metric<'_, '_>,
     own: &Model<'_>,
@@ -139,70 +135,16 @@ fn recalibrated(
     within: &[Within],
 ) -> Result<DMatrix<f64>> {
     let none = vec![0.0; own.problem().predictor.basis().ncols()];
-    metric.with_covariance(at, &none, |covariance| descended(covariance, own, w, within))?
-}
-
-/// The same by the covariance of that noise and scatter.
-fn descended(covariance: &Filled<'_>, own: &Model<'_>, w: &[f64], within: &[Within]) -> Result<DMatrix<f64>> {
-    const STEPS: usize = 12;
-    const SHORTER: [f64; 4] = [1.0, 0.4, 0.15, 0.05];
-    let predictor = own.problem().predictor;
-    let measured = |point: &[f64]| -> (DMatrix<f64>, f64) {
-        let residual = own.residual(&own.measured_at(point, w));
-        let residual = DMatrix::from_vec(residual.len(), 1, residual);
-        let square = covariance.solve(&residual).dot(&residual);
-        (residual, square)
-    };
-    let mut point = own.point(w);
-    within.iter().for_each(|&(j, low, high)| point[j] = point[j].clamp(low, high));
-    let (mut residual, mut square) = measured(&point);
-    for _ in 0..STEPS {
-        let by_coordinate = predictor.gradient(&point);
-        let slopes = by_coordinate.select_columns(within.iter().map(|(j, ..)| j));
-        let solved = covariance.solve(&slopes);
-        let uphill = solved.tr_mul(&residual);
-        let is_free = |&k: &usize| {
-            let (j, low, high) = within[k];
-            if uphill[k] < 0.0 { point[j] > low } else { point[j] < high }
-        };
-        let free: Vec<usize> = (0..within.len()).filter(is_free).collect();
-        let mut information = slopes.tr_mul(&solved).select_columns(&free).select_rows(&free);
-        if free.is_empty() {
-            break;
-        }
-        let least = f64::MIN_POSITIVE.max(1e-9 * information.diagonal().max());
-        for k in 0..free.len() {
-            information[(k, k)] += least;
-        }
-        let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
-        let step = factor.solve(&uphill.select_rows(&free));
-        let mut better = None;
-        for share in SHORTER {
-            let mut next = point.clone();
-            for (&k, step) in free.iter().zip(step.iter()) {
-                let (j, low, high) = within[k];
-                next[j] = (next[j] + share * step).clamp(low, high);
-            }
-            let (there, value) = measured(&next);
-            if value < square {
-                better = Some((next, there, value));
-                break;
-            }
-        }
-        let Some((next, there, value)) = better else { break };
-        let gained = square - value;
-        (point, residual, square) = (next, there, value);
-        if gained < 0.01 {
-            break;
-        }
-    }
-    Ok(residual)
+    let reach = Reach { steps: 12, inertia: 0.0 };
+    let descent =
+        metric.with_covariance(at, &none, |covariance| descend(covariance, own, w, within, reach))?;
+    Ok(descent?.residual)
 }
 
 /// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated
 /// again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shrink {
+pub struct Foretold {
     /// Median.
     pub median: f64,
     /// 5 % quantile.
@@ -234,7 +176,7 @@ const DRAWS: usize = 400;
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
-pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Shrink> {
+pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> Result<Foretold> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // One noise, that of the model which is right; calibrated is by what is stated of it.
     let plain = after.model.plain();
@@ -265,7 +207,7 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
         })
         .collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
-    Ok(Shrink { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
+    Ok(Foretold { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
 }
 
 /// Draws of the squares of the noise over those of these scales, shape (draws, observables + 1), the scatter's behind them,
@@ -371,7 +313,7 @@ fn gaps(problem: &Problem<'_>, real: &DMatrix<f64>) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
-    use crate::attribute::hypothesis::Candidate;
+    use crate::attribute::problem::hypothesis::Candidate;
     use crate::attribute::synthetic_world::{STEPS, Straight};
 
     #[test]

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use nalgebra::DMatrix;
 
-use crate::attribute::predictor::{Prediction, Predictor};
+use crate::attribute::problem::predictor::{Predicted, Predictor};
 use gl_emulator::warp::{self, FAR, FAR_OF_SCATTER, Warp, scatters};
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
@@ -128,14 +128,14 @@ impl Predictor for Simulation {
         self.emulator.score_covariance(&vec![1.0; self.basis.ncols()])
     }
 
-    fn predict(&self, point: &[f64]) -> Prediction {
+    fn predict(&self, point: &[f64]) -> Predicted {
         let (mean, variance) = self.emulator.predict_scores(point);
-        Prediction { mean, variance }
+        Predicted { mean, variance }
     }
 
-    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
+    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Predicted> {
         let all = self.emulator.predict_all_scores(points);
-        all.into_iter().map(|(mean, variance)| Prediction { mean, variance }).collect()
+        all.into_iter().map(|(mean, variance)| Predicted { mean, variance }).collect()
     }
 
     fn mean(&self, point: &[f64]) -> Vec<f64> {
@@ -281,7 +281,7 @@ mod tests {
             assert!(simulation.is_warped());
             let point: Vec<f64> =
                 prior.parameters().iter().zip([a, w]).map(|(p, value)| p.coordinate(value)).collect();
-            let Prediction { mean, variance } = simulation.predict(&point);
+            let Predicted { mean, variance } = simulation.predict(&point);
             let curve = simulation.curve(&mean);
             let spread: f64 = simulation
                 .basis()

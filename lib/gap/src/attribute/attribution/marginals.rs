@@ -1,7 +1,7 @@
 //! What is known of each parameter under a hypothesis.
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::model::Meaning;
+use crate::attribute::evidence::model::Meaning;
 use crate::attribute::problem::Problem;
 use gl_inference::summary::leaning;
 use gl_numeric::statistics::{Quantiles, mean, sd};

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::attribute::model::{Curve, Model, ln_prior};
+use crate::attribute::evidence::model::{Curve, Model, ln_prior};
 use gl_inference::prior::normal_quantile;
 
 /// A maximum of the posterior density.

@@ -28,10 +28,10 @@ pub trait Predictor: Sync {
 
     /// Components at a point in coordinates, with the variance that comes from not knowing the
     /// simulation there, without its scatter.
-    fn predict(&self, point: &[f64]) -> Prediction;
+    fn predict(&self, point: &[f64]) -> Predicted;
 
     /// Components at several points.
-    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
+    fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Predicted> {
         points.iter().map(|point| self.predict(point)).collect()
     }
 
@@ -64,7 +64,7 @@ pub trait Predictor: Sync {
 
 /// The components of a curve, each of shape (components,).
 #[derive(Clone, Debug)]
-pub struct Prediction {
+pub struct Predicted {
     /// Mean.
     pub mean: Vec<f64>,
     /// Variance.

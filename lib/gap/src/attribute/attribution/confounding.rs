@@ -4,9 +4,9 @@ use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::hypothesis::is_part;
-use crate::attribute::model::Model;
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::is_part;
 
 /// What one hypothesis adds to the base model's curve is imitated by another when the cosine between
 /// them is above this …

@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use anyhow::{Error, Result, bail};
 
-use crate::attribute::path::Path;
-use crate::attribute::test::Test;
+use crate::attribute::problem::path::Path;
+use crate::attribute::problem::test::Test;
 use gl_inference::prior::{normal_cdf, normal_quantile};
 
 /// How a measurement may be at fault. Sizes are given as shares of ranges: the observable's, or the
