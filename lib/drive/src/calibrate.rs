@@ -60,7 +60,10 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
     let known = known.map(|folder| Known::new(&case, folder)).transpose()?;
     let (engine, model) = case.engine(request.engine)?;
     let out = request.folder("")?;
-    let prior = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
+    let (prior, observations) = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
+    if let Some((_, text)) = check::untold_noise(&case, &prior, &observations)? {
+        gl_cli::note("gl-calibrate", text);
+    }
     let _lock = alone(&out, "gl-calibrate")?;
     if let Some(file) = check::changed_since_runs(&case, engine, &out)? {
         gl_cli::note(

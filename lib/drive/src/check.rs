@@ -30,8 +30,8 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
         let noise = observations.noise(&ByName(test.noise.clone()))?;
         let of = if test.name.is_empty() { String::new() } else { format!(" in {}", test.name) };
         Ok(format!(
-            "{} readings of {} on {}{of}; the noise is {}",
-            observations.steps(),
+            "{} of {} on {}{of}; the noise is {}",
+            counted(observations.steps(), "reading"),
             test.observable_names().join(", "),
             test.control.measured,
             if noise.is_some() { "known" } else { "estimated" }
@@ -41,6 +41,9 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let parameters = counted(prior.names().len(), "parameter");
     verdicts.add("case", &case.name, format!("{}: {parameters} against {told}", case.folder.display()));
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
+    if let Some((readings, text)) = untold_noise(&case, &prior, &observations)? {
+        verdicts.add("noise-untold", readings, text);
+    }
     let commands = commands(&case, engine)?;
     if commands.iter().any(|command| !command.is_told_its_name()) {
         verdicts.add(
@@ -63,6 +66,32 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");
     verdicts.add("megabytes", needed, text);
     Ok(verdicts)
+}
+
+/// Number of readings and what is wrong with it, where a fit by as many parameters leaves nothing that an estimate of the noise
+/// could rest on.
+pub(crate) fn untold_noise(
+    case: &Case,
+    prior: &Prior,
+    observations: &[Observations],
+) -> Result<Option<(usize, String)>> {
+    let is_given = |(test, of): (&Test, &Observations)| Ok(of.noise(&ByName(test.noise.clone()))?.is_some());
+    if case.tests.iter().zip(observations).map(is_given).collect::<Result<Vec<_>>>()?.contains(&true) {
+        return Ok(None);
+    }
+    let readings: usize = observations.iter().map(|of| of.values.iter().map(Vec::len).sum::<usize>()).sum();
+    let parameters = prior.base().len();
+    Ok((readings <= parameters).then(|| {
+        let text = format!(
+            "{} against {} and no noise: a fit that leaves nothing says nothing of the noise, and the posterior follows from a guess; \
+             give it, as noise = {{ {} = … }} in {}",
+            counted(readings, "reading"),
+            counted(parameters, "parameter"),
+            case.tests[0].observable_names()[0],
+            case.folder.join("case.toml").display()
+        );
+        (readings, text)
+    }))
 }
 
 /// What runs in each test, but for engines that take a whole table.
@@ -112,7 +141,7 @@ pub(crate) fn counted(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
-/// Check all of a case that runs depend on, for a driver: the parameters.
+/// Check all of a case that runs depend on, for a driver: the parameters, and what was measured.
 ///
 /// # Errors
 /// With all that is wrong, a line each; or if the disk has no room for the runs that the plan says.
@@ -121,11 +150,11 @@ pub(crate) fn ready(
     (engine, model): (Engine, &str),
     out: &Path,
     runs: fn(&Plan<'_>) -> usize,
-) -> Result<Prior> {
+) -> Result<(Prior, Vec<Observations>)> {
     let (prior, observations) = check(case, engine, model)?;
     let plan = Plan { case, prior: &prior, observations: &observations };
     plan.room(runs(&plan), out)?;
-    Ok(prior)
+    Ok((prior, observations))
 }
 
 /// Check all of a case that runs depend on: the parameters and the measurement.

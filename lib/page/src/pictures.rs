@@ -100,7 +100,7 @@ impl Calibration {
         };
         let mut pictures = vec![draw(
             if self.is_drawn {
-                "The weight of each draw against each parameter, and the posterior below it, closely."
+                "The posterior of each parameter, closely."
             } else {
                 "The weight of each run against each parameter, and the posterior below it, closely."
             },

@@ -40,6 +40,23 @@ fn what_a_check_says_of_a_case() {
 }
 
 #[test]
+fn as_many_parameters_as_readings_want_a_noise() {
+    let folder = tables();
+    folder.write("case/obs.txt", "x y\n0 1\n1 2\n");
+    let untold = || {
+        let said = folder.run("gl-check case");
+        said.lines().filter(|line| line.contains("no noise")).collect::<Vec<_>>().join("\n")
+    };
+    assert_eq!(untold(), "");
+    let with_noise = folder.read("case/case.toml");
+    let without: Vec<&str> = with_noise.lines().filter(|line| !line.starts_with("noise")).collect();
+    folder.write("case/case.toml", &without.join("\n"));
+    assert_snapshot!(untold(), @"gl-check: 2 readings against 2 parameters and no noise: a fit that leaves nothing says nothing of the noise, and the posterior follows from a guess; give it, as noise = { y = … } in case/case.toml");
+    folder.write("case/obs.txt", "x y\n0 1\n1 2\n2 3\n");
+    assert_eq!(untold(), "");
+}
+
+#[test]
 fn what_a_check_says_of_all_that_is_wrong() {
     let folder: Folder = tables();
     folder.write("case/obs.txt", "x z\n0 1\n");

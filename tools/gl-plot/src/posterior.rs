@@ -21,7 +21,7 @@ use crate::input::{
     within,
 };
 
-/// Weights against each parameter, and the marginals with their 90 % intervals
+/// Weights against each parameter, but for draws, which weigh the same, and the marginals with their 90 % intervals
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Posterior {
@@ -88,7 +88,9 @@ struct Column {
 
 /// Where the panels of a row of parameters stand.
 struct Layout {
-    /// Of each stage, and of the marginals last.
+    /// Of the range of the prior.
+    range: f64,
+    /// Of the weights of each stage, where there are any, and of the marginals last.
     tops: Vec<f64>,
     row_height: f64,
     beside: f64,
@@ -199,6 +201,14 @@ impl Posterior {
     }
 }
 
+/// The stages, unless all are draws, whose weights are the same and say nothing.
+fn weighed(stages: &[Stage]) -> &[Stage] {
+    let is_draws = |stage: &Stage| {
+        stage.weights.weight.windows(2).all(|pair| (pair[0] - pair[1]).abs() <= 1e-9 * pair[0])
+    };
+    if stages.iter().all(is_draws) { &[] } else { stages }
+}
+
 impl Stage {
     fn axis(&self, height: f64) -> Axis {
         let highest = self.weights.weight.iter().copied().fold(0.0, f64::max);
@@ -216,11 +226,12 @@ fn layout(figure: &Figure, stages: &[Stage], row: &[Column], columns: usize) -> 
     let heading = if stages.len() == 1 { 0.0 } else { HEADING };
     let range = if row.iter().any(|column| column.shows_range()) { RANGE } else { 0.0 };
     let first = figure.y + range + if stages.len() == 1 { 2.0 } else { 9.0 };
-    let mut tops: Vec<f64> = (0..stages.len()).map(|i| first + (row_height + heading) * i as f64).collect();
-    tops.push(first + (row_height + heading) * stages.len() as f64 + HEADING - heading);
+    let weighed = weighed(stages);
+    let mut tops: Vec<f64> = (0..weighed.len()).map(|i| first + (row_height + heading) * i as f64).collect();
+    tops.push(first + (row_height + heading) * weighed.len() as f64 + HEADING - heading);
     let beside =
-        stages.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
-    Layout { tops, row_height, beside, columns }
+        weighed.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
+    Layout { range: first - 6.5, tops, row_height, beside, columns }
 }
 
 impl Column {
@@ -241,9 +252,9 @@ impl Column {
     ) -> f64 {
         let x = Axis::horizontal(self.span, self.label.clone(), right - left);
         if let Some(prior) = self.prior.as_ref().filter(|_| self.shows_range()) {
-            figure.add(range(prior, self.span, (left, right), layout.tops[0] - 6.5));
+            figure.add(range(prior, self.span, (left, right), layout.range));
         }
-        for (i, stage) in stages.iter().enumerate() {
+        for (i, stage) in weighed(stages).iter().enumerate() {
             let rect = Rect::new(left, layout.tops[i], right, layout.tops[i] + layout.row_height);
             let name = format!("weight against {}, {}", self.name, stage.label);
             let mut panel = Panel::new(name, rect, x.clone(), stage.axis(layout.row_height))
@@ -261,7 +272,7 @@ impl Column {
             panel.dots("weights", dots, dot, most);
             figure.add(panel.finish());
         }
-        let top = layout.tops[stages.len()];
+        let top = layout.tops[weighed(stages).len()];
         let rect = Rect::new(left, top, right, top + MARGINAL);
         let panel = self.marginal(stages, rect, x, layout.beside);
         let panel = if is_inner { panel.without_y_labels() } else { panel };
@@ -341,7 +352,7 @@ fn range(prior: &Parameter, shown: Span, (left, right): (f64, f64), y: f64) -> I
 
 fn legend(stages: &[Stage], columns: &[Column]) -> Vec<(Key, String)> {
     let mut legend = Vec::new();
-    if let [stage] = stages {
+    if let [stage] = weighed(stages) {
         legend.push((Key::Dot(Dot::among(1, stage.color)), "weight of a run".to_owned()));
     }
     for stage in stages {
