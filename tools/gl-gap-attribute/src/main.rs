@@ -171,7 +171,8 @@ impl Seen {
     }
 }
 
-fn run(args: &Args) -> Result<()> {
+/// What the parser cannot tell of the options.
+fn check(args: &Args) -> Result<()> {
     for (i, kind) in args.measurement.iter().enumerate() {
         let is_new = !args.measurement[..i].contains(kind);
         let name = format!("{kind:?}").to_lowercase();
@@ -183,6 +184,11 @@ fn run(args: &Args) -> Result<()> {
     gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
+    Ok(())
+}
+
+fn run(args: &Args) -> Result<()> {
+    check(args)?;
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let Seen { observations, tests, first, noise, ensemble } = Seen::read(args)?;
@@ -209,29 +215,8 @@ fn run(args: &Args) -> Result<()> {
         problem = problem.believing(believed);
     }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
-    if let Some(path) = &args.effects_out {
-        write_effects(path, &diagnosis)?;
-    }
-    if let Some(path) = &args.predict_shrink {
-        write_shrink(path, &problem, &diagnosis, args.seed)?;
-    }
-    if let Some(path) = &args.posterior_out {
-        write_posteriors(path, &problem, &diagnosis)?;
-    }
-    if let Some(path) = &args.rest_out {
-        write_rest(path, &problem, &diagnosis)?;
-    }
-    if let Some(path) = &args.curves_out {
-        let tests: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
-        write_curves(path, &tests, &observations, &diagnosis)?;
-    }
-    if let Some(path) = &args.draws_out {
-        write_draws(path, &problem, &diagnosis)?;
-    }
-    if let Some(path) = &args.next_out {
-        let count = args.next.unwrap_or(10 * prior.parameters().len());
-        write_next(path, count, args, &problem, &diagnosis)?;
-    }
+    let tested: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
+    write_beside(args, &problem, &diagnosis, (&observations, &tested))?;
     let believed = believed.as_ref().map(|(prior, path)| (prior, path.as_str()));
     let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), believed, args.seed)?;
     gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref(), || {
@@ -249,6 +234,38 @@ fn run(args: &Args) -> Result<()> {
         let measured = (&observations, tests.as_slice());
         let checked = self_check(&design, measured, &noise, args.max_effects, count, args.seed)?;
         summary(&checked).iter().for_each(note);
+    }
+    Ok(())
+}
+
+/// The tables that are asked for beside that of the hypotheses.
+fn write_beside(
+    args: &Args,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    (observations, tests): (&Observations, &[(&Test, usize)]),
+) -> Result<()> {
+    if let Some(path) = &args.effects_out {
+        write_effects(path, diagnosis)?;
+    }
+    if let Some(path) = &args.predict_shrink {
+        write_shrink(path, problem, diagnosis, args.seed)?;
+    }
+    if let Some(path) = &args.posterior_out {
+        write_posteriors(path, problem, diagnosis)?;
+    }
+    if let Some(path) = &args.rest_out {
+        write_rest(path, problem, diagnosis)?;
+    }
+    if let Some(path) = &args.curves_out {
+        write_curves(path, tests, observations, diagnosis)?;
+    }
+    if let Some(path) = &args.draws_out {
+        write_draws(path, problem, diagnosis)?;
+    }
+    if let Some(path) = &args.next_out {
+        let count = args.next.unwrap_or(10 * problem.prior.parameters().len());
+        write_next(path, count, args, problem, diagnosis)?;
     }
     Ok(())
 }
