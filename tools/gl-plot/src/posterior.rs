@@ -225,13 +225,14 @@ fn layout(figure: &Figure, stages: &[Stage], row: &[Column], columns: usize) -> 
     let row_height = if stages.len() == 1 { 80.0 } else { 46.0 };
     let heading = if stages.len() == 1 { 0.0 } else { HEADING };
     let range = if row.iter().any(|column| column.shows_range()) { RANGE } else { 0.0 };
-    let first = figure.y + range + if stages.len() == 1 { 2.0 } else { 9.0 };
+    let above = if stages.len() == 1 { 2.0 } else { 11.0 };
+    let first = figure.y + range + above;
     let weighed = weighed(stages);
     let mut tops: Vec<f64> = (0..weighed.len()).map(|i| first + (row_height + heading) * i as f64).collect();
     tops.push(first + (row_height + heading) * weighed.len() as f64 + HEADING - heading);
     let beside =
         weighed.iter().map(|stage| room_beside(&stage.axis(row_height), row_height)).fold(0.0, f64::max);
-    Layout { range: first - 6.5, tops, row_height, beside, columns }
+    Layout { range: first - above - 4.5, tops, row_height, beside, columns }
 }
 
 impl Column {
