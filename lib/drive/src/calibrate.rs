@@ -121,21 +121,25 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
     OutLock::take_within(out, tool, Duration::from_secs(5), &|text| gl_cli::note(tool, text))
 }
 
+/// Weights of the real runs of a calibration: their curves are what is held against the measurement, scatter and all.
+pub(crate) const RUNS_WEIGHTS: &str = "posterior-runs-weights.txt";
+
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
 fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
     let Setting { case, out, .. } = *setting;
+    let folder = out.join(format!("iter{last}"));
+    // Runs that were there already have a weight by an emulator, which does not ask where they come from, and none by themselves.
+    let known = setting.known.as_ref().filter(|_| folder.join(RUNS_WEIGHTS).exists());
     for (t, test) in case.tests.iter().enumerate() {
         let of = |i| setting.folder_of(i, test).join("ensemble.txt");
-        let known = setting.known.iter().map(|known| known.ensembles[t].clone());
+        let known = known.iter().map(|known| known.ensembles[t].clone());
         let ensembles: Vec<PathBuf> = known.chain((0..=last).map(of)).collect();
         let whole = out.join(".ensemble.txt");
         join(&ensembles, &whole, None)?;
         copy(&whole, &out.join(emulated::of_test_or_none("ensemble", test, "")))?;
         std::fs::remove_file(&whole)?;
     }
-    let folder = out.join(format!("iter{last}"));
-    for (table, of_runs) in
-        [("posterior-weights.txt", "posterior-runs-weights.txt"), ("posterior.txt", "posterior-runs.txt")]
+    for (table, of_runs) in [("posterior-weights.txt", RUNS_WEIGHTS), ("posterior.txt", "posterior-runs.txt")]
     {
         copy(&folder.join(table), &out.join(table))?;
         // Where the weights of the runs are the posterior, they are both.

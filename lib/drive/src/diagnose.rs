@@ -3,9 +3,6 @@
 
 mod design;
 
-/// Weights of the real runs of a calibration: their curves are what is held against the measurement, scatter and all.
-const RUNS_WEIGHTS: &str = "posterior-runs-weights.txt";
-
 /// The prior with the bounds that the design has gone beyond, in the folder of the diagnosis.
 const WIDER_PRIOR: &str = "wider-params.txt";
 
@@ -22,7 +19,7 @@ use gl_table::{Table, TableWriter};
 
 use crate::Progress;
 use crate::arguments::Request;
-use crate::calibrate::alone;
+use crate::calibrate::{RUNS_WEIGHTS, alone};
 use crate::check;
 use crate::columns::{Which, ensembles, measured};
 use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};

@@ -510,6 +510,19 @@ fn runs_without_an_effect_are_runs_of_the_calibration_with_it_where_its_bounds_h
     assert!(!folder.path("after/iter1/fallback.txt").exists());
     let (known, own) = (rows(&folder, "known/samples.txt"), all_runs(&folder, "after"));
     assert_eq!(folder.quantity("after/posterior.txt", "runs") as usize, known + own);
+    // Where no emulator follows the simulator, the runs that were there say nothing, and the tables beside each other are of
+    // the same runs.
+    for file in ["posterior-runs-weights.txt", "posterior-weights.txt", "posterior.txt", "stop.code"] {
+        fs::remove_file(folder.path("after/iter1").join(file)).unwrap();
+    }
+    folder.write("after/iter1/fallback.txt", "no emulator follows this simulator\n");
+    calibrate(&["iterations=2", "effects=adhesion", "--with", "known", "--out", "after"]);
+    assert!(folder.path("after/iter1/fallback.txt").exists());
+    assert_eq!(folder.texts("after/posterior-runs-weights.txt", "sample").len(), own);
+    folder.run(
+        "gl-gap-locate -b case/obs.txt -c u -v f,t --noise f=0.003,t=0.001 \
+         -w after/posterior-runs-weights.txt after/ensemble.txt -o gap.txt",
+    );
 }
 
 #[test]

@@ -21,8 +21,9 @@ use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
 use gl_table::Table;
 
-use super::{Diagnosis, RUNS_WEIGHTS, WIDER_PRIOR, renew};
+use super::{Diagnosis, WIDER_PRIOR, renew};
 use crate::Progress;
+use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
 use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
