@@ -1,6 +1,6 @@
 //! Which effect explains the gap: the probability of every hypothesis.
 //!
-//! * Before: [`visible`], which candidates the measurement can show at all.
+//! * Before: [`visible`](mod@visible), which candidates the measurement can show at all.
 //! * What evidence alone does not settle: [`closure`], how far effects close the gap; [`untried`], those that the emulator
 //!   knows too little of; [`lean`], whether the truth may lie beyond the bounds.
 //! * After: [`confounding`], which hypotheses the measurement cannot tell apart, [`told`], which of several tests does, and
