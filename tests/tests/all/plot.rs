@@ -663,6 +663,16 @@ fn parameters_that_stand_still_are_left_out() {
 }
 
 #[test]
+fn draws_have_no_panel_of_weights() {
+    let folder = Tables::with(&[
+        ("draws.txt", "sample E mu weight\na 1 2 0.25\nb 2 5 0.25\nc 3 4 0.25\nd 4 4 0.25\n"),
+        ("runs.txt", "sample E mu weight\na 1 2 0.3\nb 2 5 0.2\nc 3 4 0.25\nd 4 4 0.25\n"),
+    ]);
+    assert_eq!(count(&folder.svg("posterior -w draws.txt"), "panel"), 2);
+    assert_eq!(count(&folder.svg("posterior -w runs.txt"), "panel"), 4);
+}
+
+#[test]
 fn the_mean_of_a_fit_lies_over_the_best_run() {
     let svg = calibration().svg("fit -b obs.txt -c u -v f -w weights.txt ensemble.txt");
     let place = |title: &str| svg.find(&format!("<title>{title}</title>")).unwrap();

@@ -204,7 +204,8 @@ impl Posterior {
 /// The stages, unless all are draws, whose weights are the same and say nothing.
 fn weighed(stages: &[Stage]) -> &[Stage] {
     let is_draws = |stage: &Stage| {
-        stage.weights.weight.windows(2).all(|pair| (pair[0] - pair[1]).abs() <= 1e-9 * pair[0])
+        let weights = &stage.weights.weight;
+        weights.len() > 1 && weights.iter().all(|weight| (weight - weights[0]).abs() <= 1e-9 * weights[0])
     };
     if stages.iter().all(is_draws) { &[] } else { stages }
 }
