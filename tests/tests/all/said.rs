@@ -50,7 +50,7 @@ fn as_many_parameters_as_readings_want_a_noise() {
     assert_eq!(untold(), "");
     let with_noise = folder.read("case/case.toml");
     let without: Vec<&str> = with_noise.lines().filter(|line| !line.starts_with("noise")).collect();
-    folder.write("case/case.toml", &without.join("\n"));
+    folder.write("case/case.toml", without.join("\n"));
     assert_snapshot!(untold(), @"gl-check: 2 readings against 2 parameters and no noise: a fit that leaves nothing says nothing of the noise, and the posterior follows from a guess; give it, as noise = { y = … } in case/case.toml");
     folder.write("case/obs.txt", "x y\n0 1\n1 2\n2 3\n");
     assert_eq!(untold(), "");
