@@ -41,7 +41,7 @@ use smc::{Effort, sample};
 use space::Space;
 use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
 
-use crate::warp::{self, FAR, FAR_OF_SCATTER, Warp, scatters};
+use crate::warp::{self, FAR, FAR_OF_SCATTER, scatters};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -294,9 +294,7 @@ fn measured(question: &Question<'_>, observations: &Observations, runs: &Ensembl
         }
     };
     let base: Vec<f64> = base;
-    let warps: Vec<Warp> = (0..ranges.len())
-        .map(|j| Warp::new(&observations.values[j], (0..runs.len()).map(|run| runs.curve(run, j)), far))
-        .collect();
+    let warps = warp::warps(&observations.values, runs, far);
     let readings = observations.values.concat();
     let observable_of = |o: usize| starts.partition_point(|start| *start <= o) - 1;
     let of = |o: usize| (warps[observable_of(o)], readings[o]);

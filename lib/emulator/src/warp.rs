@@ -58,6 +58,12 @@ fn size(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |size, value| size.max(value.abs()))
 }
 
+/// What an emulator sees of each observable, for readings of shape (observables, steps) and runs at the same steps.
+pub fn warps(measured: &[Vec<f64>], runs: &Ensemble, far: f64) -> Vec<Warp> {
+    let of = |j: usize| (0..runs.len()).map(move |run| runs.curve(run, j));
+    measured.iter().enumerate().map(|(j, readings)| Warp::new(readings, of(j), far)).collect()
+}
+
 /// Runs as an emulator sees them, one warp an observable.
 pub fn seen(ensemble: &Ensemble, warps: &[Warp]) -> Ensemble {
     let mut seen = ensemble.part(&[], 0..ensemble.steps());

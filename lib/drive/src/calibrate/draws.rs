@@ -7,6 +7,7 @@ use gl_case::Posterior;
 use gl_table::verdict::Verdicts;
 
 use super::iteration::Iteration;
+use crate::calibrate::RUNS_WEIGHTS;
 use crate::columns::{all_tests, of_test, runs_of_iteration, varied, weighed_runs};
 use crate::step::{Call, Messages, copy, is_current, write};
 
@@ -88,7 +89,7 @@ impl Iteration<'_> {
                 .posterior(&samples, runs_of_iteration(case, self.setting.prior, next), next)
                 .flag("--next-out", self.file("next.txt"))
                 .flag("--summary", self.file("posterior.txt"))
-                .flag("--run-weights", self.file("posterior-runs-weights.txt"))
+                .flag("--run-weights", self.file(RUNS_WEIGHTS))
                 .flag("--run-summary", self.file("posterior-runs.txt"))
                 .flag("--loo-out", self.file("loo.txt"))
                 .flag("--verdict", &verdict)
@@ -124,7 +125,7 @@ impl Iteration<'_> {
     /// From here on the weights of the runs have to do.
     fn fall_back(&self, why: &str) -> Result<bool> {
         gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs"));
-        for file in ["posterior-runs-weights.txt", "posterior-runs.txt", "posterior-weights.txt", "loo.txt"] {
+        for file in [RUNS_WEIGHTS, "posterior-runs.txt", "posterior-weights.txt", "loo.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
         write(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;

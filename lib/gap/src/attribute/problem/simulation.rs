@@ -43,9 +43,7 @@ impl Simulation {
         seed: u64,
     ) -> Result<Self> {
         let seen = |far: f64| -> Result<Self> {
-            let runs = |j: usize| (0..ensemble.len()).map(move |run| ensemble.curve(run, j));
-            let warps: Vec<Warp> =
-                measured.iter().enumerate().map(|(j, values)| Warp::new(values, runs(j), far)).collect();
+            let warps = warp::warps(measured, ensemble, far);
             let warped = |(j, noise): (usize, &Vec<f64>)| {
                 noise.iter().zip(&measured[j]).map(|(sd, y)| sd * warps[j].slope(*y)).collect()
             };
