@@ -105,8 +105,12 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
     if is_over {
         show(&folder.join("stop.log"), 0);
     } else {
-        let call = Call::new("gl-check-stop").option("--max-iterations", Some(most));
-        runner.ask(&call.option("--iteration", Some(last)).arg(folder.join("summary.txt")))?;
+        let call = Call::new("gl-check-stop")
+            .option("--max-iterations", Some(most))
+            .option("--iteration", Some(last))
+            .flag("--previous", Iteration::new(&setting, last).summary_before())
+            .arg(folder.join("summary.txt"));
+        runner.ask(&call)?;
     }
     finish(&setting, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;

@@ -16,6 +16,7 @@ pub mod scatter;
 mod settle;
 pub mod smc;
 pub mod space;
+mod start;
 pub mod summary;
 pub mod surrogate;
 mod widening;
@@ -37,7 +38,7 @@ use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, Posterior};
 use noise::ChiSquare;
 pub use proof::Proof;
 use settle::{Outcome, Sampler, from_prior};
-use smc::{Effort, sample};
+use smc::{Effort, Population, sample};
 use space::Space;
 use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
 
@@ -192,60 +193,110 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
         question.ensemble.source
     );
     let stage = stage("sampling the posterior", 3);
-    let observations = question.observations.part(question.steps.clone());
     let space = Space::new(question.prior, question.samples)?;
-    let all: Vec<usize> = (0..question.ensemble.len()).collect();
-    let runs = question.ensemble.part(&all, question.steps.clone());
-    let seen = |far: f64| {
-        let measured = measured(question, &observations, &runs, far);
-        let ensemble = warp::seen(&runs, &measured.warps);
-        (measured, ensemble)
-    };
-    let first_look = |(measured, ensemble): &(Measured, Ensemble)| {
-        Ranked::new(&space, question.samples, ensemble, measured).first_look(measured, options.seed)
-    };
-
-    // A first look, with an emulator of few runs, from the whole prior.
-    let mut as_seen = seen(FAR);
-    let mut first = first_look(&as_seen)?;
-    if as_seen.0.warps.iter().any(|warp| warp.is_some()) && scatters(&first.emulator) {
-        as_seen = seen(FAR_OF_SCATTER);
-        first = first_look(&as_seen)?;
-    }
-    let (measured, ensemble) = as_seen;
-    let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
+    let (measured, ensemble, first) = first_look(question, &space, options.seed)?;
     let nuisances = nuisances(&first, &space, &measured, options);
-    let likelihood = Likelihood::new(&first, &space, &measured, nuisances);
-    let posterior = Posterior { likelihood: &likelihood, space: &space, start: None };
-    let start = from_prior(&space, likelihood.nuisances().len(), FIRST_PARTICLES, options.seed)?;
-    let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed: options.seed };
-    let population = sample(&posterior, start, effort)?;
+    let likelihood = Likelihood::new(&first, &space, &measured, nuisances.clone());
+    let population = of_whole_prior(&likelihood, &space, options.seed)?;
     stage.advance();
 
-    let ranked = ranked.by_prediction(&first.emulator, &measured)?;
+    let ranked = Ranked::new(&space, question.samples, &ensemble, &measured);
+    let mut ranked = ranked.by_prediction(&first.emulator, &measured)?;
     stage.advance();
     let newest: HashSet<&str> = question.newest.iter().map(String::as_str).collect();
-    // What the runs before the newest say: these are held against it, and the search for lengths starts there, too.
-    let before = if newest.is_empty() {
-        None
-    } else {
-        ranked.without(&newest).by(PLAIN, &measured, options.seed).ok()
-    };
-    let ranked = before.as_ref().map_or_else(|| ranked.clone(), |before| ranked.starting_from(before));
+    let plain = || ranked.without(&newest).by(PLAIN, &measured, options.seed).ok();
+    let before = if newest.is_empty() { None } else { plain() };
+    if let Some(before) = &before {
+        ranked = ranked.starting_from(before);
+    }
     let near: Vec<Vec<f64>> = ranked.places()?.into_iter().take(ranked.near()).collect();
-    let through = |mut surrogate: Surrogate| {
-        let recipe = Recipe { is_kept: false, ..surrogate.recipe };
-        let before = match &before {
-            Some(before) if recipe != PLAIN => ranked
-                .without(&newest)
-                .by(recipe, &measured, options.seed)
-                .ok()
-                .or_else(|| Some(before.clone())),
-            before => before.clone(),
-        };
+    let samples = question.samples;
+    let asked = Asked {
+        samples,
+        options,
+        space: &space,
+        measured: &measured,
+        ensemble: &ensemble,
+        ranked,
+        near,
+        newest,
+        before,
+        nuisances,
+        population,
+    };
+    let inference = asked.through(asked.ranked.best(&measured, options.seed, true)?)?;
+    stage.advance();
+    if !inference.surrogate.recipe.is_local || inference.ignorance <= BLIND {
+        return Ok(inference);
+    }
+    // An emulator of the best runs alone knows nothing of where the others have shown that nothing fits.
+    let of_all = asked.through(asked.ranked.best(&measured, options.seed, false)?)?;
+    Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
+}
+
+/// The measurement and the runs as an emulator sees them, and one of few runs.
+fn first_look(question: &Question<'_>, space: &Space, seed: u64) -> Result<(Measured, Ensemble, Surrogate)> {
+    let observations = question.observations.part(question.steps.clone());
+    let all: Vec<usize> = (0..question.ensemble.len()).collect();
+    let runs = question.ensemble.part(&all, question.steps.clone());
+    let look = |far: f64| -> Result<(Measured, Ensemble, Surrogate)> {
+        let measured = measured(question, &observations, &runs, far);
+        let ensemble = warp::seen(&runs, &measured.warps);
+        let first = Ranked::new(space, question.samples, &ensemble, &measured).first_look(&measured, seed)?;
+        Ok((measured, ensemble, first))
+    };
+    let (measured, ensemble, first) = look(FAR)?;
+    if measured.warps.iter().any(|warp| warp.is_some()) && scatters(&first.emulator) {
+        return look(FAR_OF_SCATTER);
+    }
+    Ok((measured, ensemble, first))
+}
+
+/// Draws through a first emulator, from the whole prior on.
+fn of_whole_prior(likelihood: &Likelihood<'_>, space: &Space, seed: u64) -> Result<Population> {
+    let start = from_prior(space, likelihood.nuisances().len(), FIRST_PARTICLES, seed)?;
+    let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed };
+    sample(&Posterior(likelihood), None, start, effort)
+}
+
+/// What all emulators of one question have in common.
+struct Asked<'a> {
+    samples: &'a Samples,
+    options: Options,
+    space: &'a Space,
+    measured: &'a Measured,
+    /// The runs as an emulator sees them.
+    ensemble: &'a Ensemble,
+    ranked: Ranked<'a>,
+    /// Where the runs that fit best stand, shape (runs, parameters).
+    near: Vec<Vec<f64>>,
+    newest: HashSet<&'a str>,
+    /// What the runs before the newest say: these are held against it, and the search for lengths starts there, too.
+    before: Option<Surrogate>,
+    nuisances: Nuisances,
+    /// Draws of a first look.
+    population: Population,
+}
+
+impl Asked<'_> {
+    /// An emulator of the runs before the newest, as this recipe has it.
+    fn before(&self, recipe: Recipe) -> Option<Surrogate> {
+        let before = self.before.as_ref()?;
+        if recipe == PLAIN {
+            return Some(before.clone());
+        }
+        let earlier = self.ranked.without(&self.newest);
+        Some(earlier.by(recipe, self.measured, self.options.seed).unwrap_or_else(|_| before.clone()))
+    }
+
+    /// The posterior through an emulator.
+    fn through(&self, mut surrogate: Surrogate) -> Result<Inference> {
+        let Self { space, measured, options, .. } = *self;
+        let before = self.before(Recipe { is_kept: false, ..surrogate.recipe });
         let prove = |variance: f64| match &before {
             Some(before) => {
-                proof::prove(before, &ranked, &newest, (&measured, variance), &space, question.samples)
+                let measured = (measured, variance);
+                proof::prove(before, &self.ranked, &self.newest, measured, space, self.samples)
             }
             None => Ok(None),
         };
@@ -254,22 +305,64 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
             // What was predicted too boldly may well be so again: of both widths the larger.
             surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
         }
-        let near = near.clone();
-        let sampler = Sampler { surrogate: &surrogate, space: &space, measured: &measured, options, near };
-        let outcome = sampler.settle(likelihood.nuisances(), &population)?;
+        let near = self.near.clone();
+        let sampler = Sampler { surrogate: &surrogate, space, measured, options, near };
+        let outcome = sampler.settle(&self.nuisances, &self.population)?;
         // What counts depends on how large the noise turned out to be.
-        let proof = prove(outcome.variance(&space))?;
-        let tables = (question.samples, &ensemble);
-        finish(space.clone(), surrogate, measured.clone(), outcome, proof, &ranked, tables, options)
-    };
-    let inference = through(ranked.best(&measured, options.seed, true)?)?;
-    stage.advance();
-    if !inference.surrogate.recipe.is_local || inference.ignorance <= BLIND {
-        return Ok(inference);
+        let proof = prove(outcome.variance(space))?;
+        self.finish(surrogate, outcome, proof)
     }
-    // An emulator of the best runs alone knows nothing of where the others have shown that nothing fits.
-    let of_all = through(ranked.best(&measured, options.seed, false)?)?;
-    Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
+
+    /// What the draws come to.
+    fn finish(&self, surrogate: Surrogate, outcome: Outcome, proof: Option<Proof>) -> Result<Inference> {
+        let Self { samples, options, space, measured, ensemble, .. } = *self;
+        let Outcome { population, nuisances, correlated, chi_square } = outcome;
+        let likelihood = Likelihood::new(&surrogate, space, measured, nuisances.clone());
+        let points = thinned(&population.points, options.draws, options.seed);
+        let residual = |x: &Vec<f64>| {
+            let scores = nalgebra::DVector::from_vec(surrogate.emulator.mean_scores(&space.coordinates(x)));
+            let curve = surrogate.emulator.centre() + surrogate.emulator.basis() * scores;
+            measured.residual(curve.as_slice())
+        };
+        let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
+        let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
+        let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
+        let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
+        let pairs: Pairs<'_> = points.chunks_exact(2).take(PAIRED / 2).zip(noise.iter().step_by(2)).collect();
+        let ignorance = ignorance(&likelihood, &pairs);
+        let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
+        // The variance of n runs is known to √(2/n).
+        let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
+        let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
+        let (runs, places) = real_runs(&self.ranked, space, measured, (samples, ensemble))?;
+        let failed = failed(space, samples, ensemble)?;
+        Ok(Inference {
+            values: points.iter().map(|x| space.values(x)).collect(),
+            misfit: fits.iter().map(|fit| fit.square).collect(),
+            error: residuals.iter().map(|residual| measured.error(residual)).collect(),
+            ln_evidence: population.ln_evidence,
+            independent_readings: noise::independent(&residuals[best], measured).iter().sum(),
+            chi_square,
+            ignorance,
+            scatter_error,
+            shift_if_known,
+            ratio_if_known,
+            proof,
+            runs,
+            observables: ensemble.observables.clone(),
+            correlated,
+            places,
+            failed,
+            are_alike: ensemble.len() > 1
+                && (1..ensemble.len()).all(|run| ensemble.curves(run) == ensemble.curves(0)),
+            noise,
+            nuisances,
+            points,
+            measured: measured.clone(),
+            surrogate,
+            space: space.clone(),
+        })
+    }
 }
 
 /// What is compared: runs that reach so many times beyond the measurement are warped.
@@ -344,65 +437,6 @@ fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nui
     let counts = (surrogate.scatter.of_scores(&surrogate.emulator, measured) * importance).trace();
     // Where the noise is not known, what counts is not either.
     !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
-}
-
-#[allow(clippy::too_many_arguments)]
-fn finish(
-    space: Space,
-    surrogate: Surrogate,
-    measured: Measured,
-    outcome: Outcome,
-    proof: Option<Proof>,
-    ranked: &Ranked<'_>,
-    (samples, ensemble): (&Samples, &Ensemble),
-    options: Options,
-) -> Result<Inference> {
-    let Outcome { population, nuisances, correlated, chi_square } = outcome;
-    let likelihood = Likelihood::new(&surrogate, &space, &measured, nuisances.clone());
-    let points = thinned(&population.points, options.draws, options.seed);
-    let residual = |x: &Vec<f64>| {
-        let scores = nalgebra::DVector::from_vec(surrogate.emulator.mean_scores(&space.coordinates(x)));
-        let curve = surrogate.emulator.centre() + surrogate.emulator.basis() * scores;
-        measured.residual(curve.as_slice())
-    };
-    let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
-    let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
-    let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
-    let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
-    let pairs: Pairs<'_> = points.chunks_exact(2).take(PAIRED / 2).zip(noise.iter().step_by(2)).collect();
-    let ignorance = ignorance(&likelihood, &pairs);
-    let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
-    // The variance of n runs is known to √(2/n).
-    let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
-    let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
-    let (runs, places) = real_runs(ranked, &space, &measured, (samples, ensemble))?;
-    let failed = failed(&space, samples, ensemble)?;
-    Ok(Inference {
-        values: points.iter().map(|x| space.values(x)).collect(),
-        misfit: fits.iter().map(|fit| fit.square).collect(),
-        error: residuals.iter().map(|residual| measured.error(residual)).collect(),
-        ln_evidence: population.ln_evidence,
-        independent_readings: noise::independent(&residuals[best], &measured).iter().sum(),
-        chi_square,
-        ignorance,
-        scatter_error,
-        shift_if_known,
-        ratio_if_known,
-        proof,
-        runs,
-        observables: ensemble.observables.clone(),
-        correlated,
-        places,
-        failed,
-        are_alike: ensemble.len() > 1
-            && (1..ensemble.len()).all(|run| ensemble.curves(run) == ensemble.curves(0)),
-        noise,
-        nuisances,
-        points,
-        measured,
-        surrogate,
-        space,
-    })
 }
 
 /// Some of the points, evenly from a random order; all of them and some again where more are wanted.

@@ -6,7 +6,7 @@ use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
 
 use crate::fit::{of_misfit, said};
-use crate::summary::Summary;
+use crate::summary::{ParameterSummary, Summary};
 
 /// Tolerances that end a calibration; any one that is met does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -158,12 +158,17 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
         (shift, spread) = (0.0, 0.0);
         for now in summary.varied() {
             let then = before.parameter(&now.name);
-            let of = |parameter: Option<&crate::summary::ParameterSummary>| {
-                parameter.and_then(|p| Some((p.mean?, p.sd?))).unwrap_or((f64::NAN, f64::NAN))
+            let of = |parameter: Option<&ParameterSummary>| {
+                // A width by logarithms rests on more draws than the standard deviation of values over decades.
+                parameter.and_then(|p| Some((p.mean?, p.sd?, p.width.or(p.sd)?))).unwrap_or((
+                    f64::NAN,
+                    f64::NAN,
+                    f64::NAN,
+                ))
             };
-            let ((mean, sd), (mean_then, sd_then)) = (of(Some(now)), of(then));
+            let ((mean, sd, width), (mean_then, sd_then, width_then)) = (of(Some(now)), of(then));
             let moved = (mean - mean_then).abs() / sd.max(sd_then).max(f64::MIN_POSITIVE);
-            let widened = (sd.max(f64::MIN_POSITIVE) / sd_then.max(f64::MIN_POSITIVE)).ln().abs();
+            let widened = (width.max(f64::MIN_POSITIVE) / width_then.max(f64::MIN_POSITIVE)).ln().abs();
             // NaN, of a parameter that was not there, is no small change.
             shift = if moved <= shift { shift } else { moved };
             spread = if widened <= spread { spread } else { widened };

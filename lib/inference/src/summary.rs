@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::filter::{NoiseModel, Runs, Weighting};
-use crate::prior::normal_quantile;
+use crate::prior::{Scale, normal_quantile};
 use gl_numeric::statistics::{Quantiles, effective_size, mean, normalised, sd};
 use gl_table::{LARGEST, Table, parse_number, push_number, text, write_rows};
 
@@ -140,10 +140,12 @@ pub struct ParameterSummary {
     pub lean: Option<f64>,
     /// 1 − (posterior sd / prior sd)², for a parameter that was varied.
     pub shrinkage: Option<f64>,
+    /// Standard deviation as a share of the way from bound to bound, on the parameter's scale.
+    pub width: Option<f64>,
 }
 
 impl ParameterSummary {
-    const KINDS: [&str; 8] = ["mean", "sd", "cv", "q05", "q95", "best", "lean", "shrinkage"];
+    const KINDS: [&str; 9] = ["mean", "sd", "cv", "q05", "q95", "best", "lean", "shrinkage", "width"];
 
     fn quantity_mut(&mut self, kind: &str) -> Option<&mut Option<f64>> {
         match kind {
@@ -155,6 +157,7 @@ impl ParameterSummary {
             "best" => Some(&mut self.best),
             "lean" => Some(&mut self.lean),
             "shrinkage" => Some(&mut self.shrinkage),
+            "width" => Some(&mut self.width),
             _ => None,
         }
     }
@@ -279,6 +282,17 @@ pub struct ParameterPosterior {
     pub lean: i8,
 }
 
+/// Where a parameter may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound.
+    pub upper: f64,
+    /// The scale on which it is far from a bound or near.
+    pub scale: Scale,
+}
+
 /// Runs that must hold weight for the shape of a posterior of so many parameters d to be seen in them, 2 d + 4.
 pub fn enough_runs(parameters: usize) -> usize {
     2 * parameters + 4
@@ -303,7 +317,8 @@ pub struct Marginals {
 const LEAN: f64 = 1.3;
 
 /// The bound that a posterior of this mean and standard deviation leans on, beyond which the truth may
-/// lie: −1 the lower, 1 the upper, 0 none.
+/// lie: −1 the lower, 1 the upper, 0 none. All three on the scale of the parameter: on a linear one the prior of a
+/// parameter that is spread over decades leans on its lower bound.
 ///
 /// # Examples
 /// ```
@@ -359,17 +374,23 @@ impl Marginals {
         })
     }
 
-    /// The marginal posterior of a parameter between its bounds.
-    pub fn of(&self, values: &[f64], (lower, upper): (f64, f64)) -> ParameterPosterior {
-        let (mean_value, sd_value) = if self.is_posterior {
-            (mean(values, &self.wide_weights), sd(values, &self.wide_weights) * self.inflation.sqrt())
-        } else {
-            (mean(values, &self.weights), sd(values, &self.weights))
+    /// The marginal posterior of a parameter within its range.
+    pub fn of(&self, values: &[f64], range: Range) -> ParameterPosterior {
+        let moments = |values: &[f64]| {
+            if self.is_posterior {
+                (mean(values, &self.wide_weights), sd(values, &self.wide_weights) * self.inflation.sqrt())
+            } else {
+                (mean(values, &self.weights), sd(values, &self.weights))
+            }
         };
+        let (mean_value, sd_value) = moments(values);
+        let Range { lower, upper, scale } = range;
         let quantiles = Quantiles::new(values, &self.wide_weights);
         let median = quantiles.at(0.5);
         let widened = |p: f64| (median + self.stretch * (quantiles.at(p) - median)).clamp(lower, upper);
-        let lean = leaning(mean_value, sd_value, (lower, upper));
+        let places: Vec<f64> = values.iter().map(|x| scale.forward(*x)).collect();
+        let (centre, spread) = moments(&places);
+        let lean = leaning(centre, spread, (scale.forward(lower), scale.forward(upper)));
         ParameterPosterior { mean: mean_value, sd: sd_value, q05: widened(0.05), q95: widened(0.95), lean }
     }
 }
@@ -391,8 +412,8 @@ pub struct Weighed<'a> {
     pub parameters: &'a [String],
     /// Their values, shape (runs, parameters).
     pub values: &'a [Vec<f64>],
-    /// Their bounds.
-    pub bounds: &'a [(f64, f64)],
+    /// Where they may be.
+    pub ranges: &'a [Range],
     /// Standard deviation of each parameter's prior, where the prior is known.
     pub prior_sd: Option<&'a [f64]>,
     /// Number of samples whose run failed.
@@ -421,7 +442,7 @@ impl Weighed<'_> {
 
         let summarise = |(j, name): (usize, &String)| {
             let column = &columns[j];
-            let marginal = marginals.of(column, self.bounds[j]);
+            let marginal = marginals.of(column, self.ranges[j]);
             let cv = if marginal.sd == 0.0 { 0.0 } else { marginal.sd / marginal.mean };
             let is_varied = column.iter().any(|x| *x != column[0]);
             let prior_sd = self.prior_sd.filter(|_| is_varied);
@@ -435,6 +456,7 @@ impl Weighed<'_> {
                 best: Some(column[best]),
                 lean: Some(if is_varied { f64::from(marginal.lean) } else { 0.0 }),
                 shrinkage: prior_sd.map(|prior_sd| 1.0 - (marginal.sd / prior_sd[j]).powi(2)),
+                width: None,
             }
         };
         let misfit = self.runs.misfit[best];

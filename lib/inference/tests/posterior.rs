@@ -12,7 +12,7 @@ use gl_inference::prior::{Parameter, Prior, normal_quantile};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::resample::{Resampled, Resampling, Sampling, resample};
 use gl_inference::samples::Samples;
-use gl_inference::summary::Marginals;
+use gl_inference::summary::{Marginals, Range};
 use gl_inference::weights::Weights;
 use gl_numeric::sequence::Method;
 use gl_table::Table;
@@ -97,7 +97,7 @@ fn held(prior: &Prior, truth: &[f64], samples: &Samples, runs: &Runs, noise: Noi
     let of = |(j, p): (usize, &Parameter)| {
         let column: Vec<f64> = samples.values.iter().map(|v| v[j]).collect();
         let below = column.iter().zip(&weights).filter(|(x, _)| **x < truth[j]).map(|(_, w)| w).sum();
-        let marginal = marginals.of(&column, (p.lower, p.upper));
+        let marginal = marginals.of(&column, Range { lower: p.lower, upper: p.upper, scale: p.scale });
         (below, (marginal.q05..=marginal.q95).contains(&truth[j]))
     };
     prior.parameters().iter().enumerate().map(of).collect()

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use gl_emulator::cholesky::{Cholesky, Triangle};
-use gl_emulator::posterior::smc::{Effort, Target, sample};
+use gl_emulator::posterior::smc::{Density, Effort, sample};
 use gl_inference::observations::Observations;
 use gl_numeric::sequence::{Method, points};
 
@@ -31,12 +31,12 @@ impl<'a> Exact<'a> {
     }
 }
 
-impl Target for Exact<'_> {
-    fn ln_start(&self, x: &[f64]) -> f64 {
+impl Density for Exact<'_> {
+    fn ln_prior(&self, x: &[f64]) -> f64 {
         if x.iter().all(|x| (0.0..=1.0).contains(x)) { 0.0 } else { f64::NEG_INFINITY }
     }
 
-    fn ln_target(&self, x: &[f64]) -> f64 {
+    fn ln_likelihood(&self, x: &[f64]) -> f64 {
         let mut square = 0.0;
         for (seen, curve) in self.observations.values.iter().zip(self.problem.mean(x)) {
             let mut residual: Vec<f64> = seen.iter().zip(&curve).map(|(seen, y)| seen - y).collect();
@@ -45,8 +45,7 @@ impl Target for Exact<'_> {
         }
         let readings = (self.problem.steps * self.problem.observables) as f64;
         // Of unknown size: marginalised under a Jeffreys prior.
-        let ln = if self.problem.is_told { -0.5 * square } else { -0.5 * readings * square.ln() };
-        self.ln_start(x) + ln
+        if self.problem.is_told { -0.5 * square } else { -0.5 * readings * square.ln() }
     }
 }
 
@@ -57,5 +56,5 @@ impl Target for Exact<'_> {
 pub fn posterior(problem: &Problem, observations: &Observations, seed: u64) -> Result<Vec<Vec<f64>>> {
     let start = points(Method::Halton, 3000, problem.parameters, Some(seed))?;
     let effort = Effort { moves: 2.5, last_moves: 8.0, sweeps: 12, seed };
-    Ok(sample(&Exact::new(problem, observations)?, start, effort)?.points)
+    Ok(sample(&Exact::new(problem, observations)?, None, start, effort)?.points)
 }

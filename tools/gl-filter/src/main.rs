@@ -13,11 +13,11 @@ use gl_cli::{conclude, note};
 use gl_inference::collect::RunStatus;
 use gl_inference::filter::{NoiseModel, Runs, Target, Weighting, weigh, weigh_emulated};
 use gl_inference::misfit::{Incomplete, Misfits, Partial};
-use gl_inference::prior::{Parameter, Prior};
+use gl_inference::prior::{Parameter, Prior, Scale};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
 use gl_inference::stop::leaning_verdicts;
-use gl_inference::summary::{Summary, Weighed};
+use gl_inference::summary::{Range, Summary, Weighed};
 use gl_inference::weights::Weights;
 use gl_table::verdict::Verdicts;
 
@@ -138,7 +138,7 @@ fn run(args: &Args) -> Result<()> {
     let weighting = weighting(args, &runs, &misfits, noise)?;
 
     let prior = args.params.as_deref().map(Prior::read).transpose()?;
-    let (bounds, prior_sd) = bounds(prior.as_ref(), &samples);
+    let (ranges, prior_sd) = ranges(prior.as_ref(), &samples);
     let evidence = Weighed {
         runs: &runs,
         weighting: &weighting,
@@ -147,7 +147,7 @@ fn run(args: &Args) -> Result<()> {
         errors: &misfits.mean_error,
         parameters: &samples.parameters,
         values: &values,
-        bounds: &bounds,
+        ranges: &ranges,
         prior_sd: prior_sd.as_deref(),
         failed: samples.len() - misfits.len(),
         expected: &misfits.expected,
@@ -261,16 +261,20 @@ fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> NoiseModel {
 
 /// Bounds of each parameter, those of its prior or a little more than the range of its samples, and
 /// the standard deviations of the priors if they are known.
-fn bounds(prior: Option<&Prior>, samples: &Samples) -> (Vec<(f64, f64)>, Option<Vec<f64>>) {
+fn ranges(prior: Option<&Prior>, samples: &Samples) -> (Vec<Range>, Option<Vec<f64>>) {
     let known = |name: &String| prior.into_iter().flat_map(Prior::parameters).find(|p| p.name == *name);
     let room = 1.0 / samples.len() as f64;
     let of = |(j, name): (usize, &String)| {
         if let Some(p) = known(name) {
-            return (p.off.unwrap_or(p.lower).min(p.lower), p.off.unwrap_or(p.upper).max(p.upper));
+            let off = |bound: f64| p.off.unwrap_or(bound);
+            let (lower, upper) = (off(p.lower).min(p.lower), off(p.upper).max(p.upper));
+            // An effect that is off at zero has no logarithm there.
+            return Range { lower, upper, scale: if lower > 0.0 { p.scale } else { Scale::Linear } };
         }
         let low = samples.values.iter().map(|row| row[j]).fold(f64::INFINITY, f64::min);
         let high = samples.values.iter().map(|row| row[j]).fold(f64::NEG_INFINITY, f64::max);
-        (low - room * (high - low), high + room * (high - low))
+        let room = room * (high - low);
+        Range { lower: low - room, upper: high + room, scale: Scale::Linear }
     };
     let prior_sd = samples.parameters.iter().map(|name| known(name).map(Parameter::sd)).collect();
     (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)

@@ -277,19 +277,23 @@ impl<'a> Iteration<'a> {
             return Ok(std::fs::read_to_string(&code)?.trim() == "0");
         }
         let tolerances = self.setting.case.tolerances;
-        let previous = self.previous.as_ref().map_or("none".into(), |previous| previous.join("summary.txt"));
         let call = Call::new("gl-check-stop")
             .option("--sigma-tol", tolerances.sigma)
             .option("--error-tol", tolerances.error)
             .option("--ensemble-error-tol", tolerances.ensemble_error)
             .option("--misfit-tol", tolerances.misfit)
-            .flag("--previous", previous)
+            .flag("--previous", self.summary_before())
             .verdict(&self.file("stop-verdict.txt"))
             .flag("-o", self.file("stop.txt"))
             .arg(self.file("summary.txt"));
         let answer = self.setting.runner.call(&call, Messages::Kept(&self.file("stop.log")))?;
         write(&code, format!("{answer}\n").as_bytes())?;
         Ok(answer == 0)
+    }
+
+    /// The summary that this one is compared with; `none` for the first.
+    pub(crate) fn summary_before(&self) -> PathBuf {
+        self.previous.as_ref().map_or("none".into(), |previous| previous.join("summary.txt"))
     }
 
     /// A file of this iteration.

@@ -12,11 +12,9 @@
 
 mod held_out;
 
-use gl_numeric::statistics::ln_sum_exp;
 use nalgebra::{DMatrix, DVector};
 
-use super::mixture::LocalMixture;
-use super::smc::Target;
+use super::smc::Density;
 use super::space::Space;
 use super::surrogate::Surrogate;
 use crate::Emulator;
@@ -532,74 +530,33 @@ impl<'a> Likelihood<'a> {
     }
 }
 
-/// A posterior, and the prior or another density to start from.
-pub struct Posterior<'a> {
-    /// Its likelihood.
-    pub likelihood: &'a Likelihood<'a>,
-    /// Its prior.
-    pub space: &'a Space,
-    /// What the first particles are drawn from, over the first of the coordinates; the prior if absent.
-    pub start: Option<Start>,
-}
-
-/// Something near the posterior: mixtures with a share of the prior.
-pub struct Start {
-    /// The mixtures, each with the same share.
-    pub mixtures: Vec<LocalMixture>,
-    /// Number of coordinates that they are over; those behind them are even.
-    pub dimensions: usize,
-}
-
-impl Start {
-    fn ln_density(&self, x: &[f64]) -> f64 {
-        let terms: Vec<f64> =
-            self.mixtures.iter().map(|mixture| mixture.ln_density(&x[..self.dimensions])).collect();
-        ln_sum_exp(&terms) - (terms.len() as f64).ln()
-    }
-}
+/// A posterior: a likelihood and the prior of its space.
+pub struct Posterior<'a>(pub &'a Likelihood<'a>);
 
 /// One over the variance of an even density between 0 and 1.
 const OF_AN_EVEN_PRIOR: f64 = 12.0;
 
-/// Share of the prior in a start.
-pub const PRIOR_SHARE: f64 = 0.1;
-
-impl Target for Posterior<'_> {
-    fn ln_start(&self, x: &[f64]) -> f64 {
-        let ln_prior = self.ln_prior(x);
-        match &self.start {
-            Some(start) if ln_prior > f64::NEG_INFINITY => {
-                ln_sum_exp(&[PRIOR_SHARE.ln() + ln_prior, (1.0 - PRIOR_SHARE).ln() + start.ln_density(x)])
-            }
-            _ => ln_prior,
+impl Density for Posterior<'_> {
+    fn ln_prior(&self, x: &[f64]) -> f64 {
+        let space = self.0.space;
+        if x[space.len()..].iter().all(|x| (0.0..=1.0).contains(x)) {
+            space.ln_prior(x)
+        } else {
+            f64::NEG_INFINITY
         }
     }
 
-    fn ln_target(&self, x: &[f64]) -> f64 {
-        self.ln_density(x)
+    fn ln_likelihood(&self, x: &[f64]) -> f64 {
+        self.0.fit(x).ln
     }
 }
 
 impl Posterior<'_> {
-    /// ln of prior times likelihood at a point; −∞ outside the cube.
-    pub fn ln_density(&self, x: &[f64]) -> f64 {
-        let ln_prior = self.ln_prior(x);
-        if ln_prior == f64::NEG_INFINITY { ln_prior } else { ln_prior + self.likelihood.fit(x).ln }
-    }
-
     /// The curvature of ln of the density in the parameters, lower half: that of [`Likelihood::curvature`], and of the
     /// prior, of whose width the cube is.
     pub fn curvature(&self, x: &[f64]) -> Triangle {
-        let mut curvature = self.likelihood.curvature(x);
+        let mut curvature = self.0.curvature(x);
         (0..curvature.n()).for_each(|i| curvature.row_mut(i)[i] += OF_AN_EVEN_PRIOR);
         curvature
-    }
-
-    fn ln_prior(&self, x: &[f64]) -> f64 {
-        if x[self.space.len()..].iter().all(|x| (0.0..=1.0).contains(x)) {
-            self.space.ln_prior(x)
-        } else {
-            f64::NEG_INFINITY
-        }
     }
 }

@@ -14,6 +14,7 @@ use gl_inference::prior::normal_quantile;
 use gl_numeric::sequence::{self, Method};
 
 use super::likelihood::Posterior;
+use super::smc::Density;
 use crate::cholesky::Cholesky;
 
 /// Step of a difference quotient, as a share of the prior's width.
@@ -99,7 +100,7 @@ fn climb(posterior: &Posterior<'_>, place: &[f64]) -> Option<Mode> {
 
 /// The nuisances of the highest density at a place, of some that are spread evenly.
 fn best_nuisances(posterior: &Posterior<'_>, place: &[f64]) -> Option<Vec<f64>> {
-    let count = posterior.likelihood.nuisances().len();
+    let count = posterior.0.nuisances().len();
     let tried = match count {
         0 => vec![Vec::new()],
         _ => sequence::points(Method::Halton, NUISANCES, count, None).ok()?,

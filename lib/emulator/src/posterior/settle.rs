@@ -3,17 +3,18 @@
 use anyhow::Result;
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::sd;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::Options;
-use super::likelihood::{Fit, Likelihood, Measured, Nuisances, PRIOR_SHARE, Posterior, Start};
+use super::likelihood::{Fit, Likelihood, Measured, Nuisances, Posterior};
 use super::mixture::LocalMixture;
 use super::modes::{Mode, modes};
 use super::noise::{self, ChiSquare};
-use super::smc::{Effort, Population, sample};
+use super::smc::{Effort, Population, refined, sample};
 use super::space::Space;
+use super::start::Start;
 use super::surrogate::Surrogate;
 
 /// Particles.
@@ -93,6 +94,12 @@ impl Sampler<'_> {
     /// larger than stated and correlated is admitted first. Otherwise that fit would stand no chance beside places
     /// of which nothing is known, and one after the other of these would have to be run and refuted.
     pub(super) fn settle(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
+        let found = self.look(nuisances, first)?;
+        Ok(Outcome { population: self.refined(&found.nuisances, found.population)?, ..found })
+    }
+
+    /// The nuisances that the residuals speak for, and draws that need not have the right share of every tail yet.
+    fn look(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
         if let Some(gap) = self.gap(nuisances)? {
             let mut nuisances = self.with_correlation(nuisances, &gap.correlated);
             nuisances.inflation = !self.options.noise_as_stated && gap.test.is_worse();
@@ -158,8 +165,7 @@ impl Sampler<'_> {
 
     /// The maxima that are reached from the runs that fit best.
     fn modes(&self, likelihood: &Likelihood<'_>) -> Vec<Mode> {
-        let posterior = Posterior { likelihood, space: self.space, start: None };
-        modes(&posterior, &self.near[..CLIMBS.min(self.near.len())])
+        modes(&Posterior(likelihood), &self.near[..CLIMBS.min(self.near.len())])
     }
 
     /// The maximum and points about it, with nuisances spread evenly.
@@ -230,10 +236,9 @@ impl Sampler<'_> {
     /// Sample from the whole prior on.
     fn sample_whole_prior(&self, nuisances: &Nuisances) -> Result<Population> {
         let likelihood = self.likelihood(nuisances.clone());
-        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: None };
         let seed = self.options.seed ^ 0x411;
         let start = from_prior(self.space, nuisances.len(), PARTICLES, seed)?;
-        sample(&posterior, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed })
+        sample(&Posterior(&likelihood), None, start, Effort { moves: 1.5, last_moves: 4.0, sweeps: 8, seed })
     }
 
     /// Sample from mixtures about points that are near the posterior, shape (points, first dimensions), and about the
@@ -251,32 +256,17 @@ impl Sampler<'_> {
             let points = mode.draws(AROUND, START_WIDTH, &mut generator);
             mixtures.push(LocalMixture::new(&points, 50, 2.0, &mut generator));
         }
-        let large = from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed)?;
-        let is_inside = |x: &[f64]| x.iter().all(|x| (0.0..=1.0).contains(x));
-        let mut start = Vec::with_capacity(PARTICLES);
-        for point in large {
-            // Both shares are drawn again where the mixture falls outside the cube.
-            let drawn = loop {
-                if generator.random_bool(PRIOR_SHARE) {
-                    break None;
-                }
-                let of = generator.random_range(0..mixtures.len());
-                let drawn = mixtures[of].draw(&mut generator);
-                if is_inside(&drawn) {
-                    break Some(drawn);
-                }
-            };
-            start.push(match drawn {
-                Some(mut drawn) => {
-                    drawn.extend(&point[known..]);
-                    drawn
-                }
-                None => point,
-            });
-        }
-        let start_density = Some(Start { mixtures, dimensions: known });
-        let posterior = Posterior { likelihood: &likelihood, space: self.space, start: start_density };
-        sample(&posterior, start, Effort { moves: 1.5, last_moves: 8.0, sweeps: 8, seed: seed ^ 0xf00d })
+        let start = Start { mixtures, dimensions: known };
+        let prior = from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed)?;
+        let effort = Effort { moves: 1.5, last_moves: 2.0, sweeps: 8, seed: seed ^ 0xf00d };
+        sample(&Posterior(&likelihood), Some(&start), prior, effort)
+    }
+
+    /// Draws in which every tail has its share.
+    fn refined(&self, nuisances: &Nuisances, population: Population) -> Result<Population> {
+        let likelihood = self.likelihood(nuisances.clone());
+        let prior = |seed| from_prior(self.space, likelihood.nuisances().len(), PARTICLES, seed);
+        refined(&Posterior(&likelihood), population, prior, self.options.seed)
     }
 }
 

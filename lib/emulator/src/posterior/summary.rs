@@ -132,8 +132,7 @@ impl Inference {
             let (centre, spread) = (mean(&column, &even), if is_varied { sd(&column, &even) } else { 0.0 });
             let cv = if spread == 0.0 { 0.0 } else { spread / centre };
             let quantiles = Quantiles::new(&column, &even);
-            let lean =
-                if is_varied { leaning(centre, spread, (parameter.lower, parameter.upper)) } else { 0 };
+            let place = self.space.varied().iter().position(|&varied| varied == j).map(|at| self.at(at));
             summary.parameters.push(ParameterSummary {
                 name,
                 mean: Some(centre),
@@ -142,8 +141,11 @@ impl Inference {
                 q05: Some(quantiles.at(0.05)),
                 q95: Some(quantiles.at(0.95)),
                 best: Some(of_runs.values[0][j]),
-                lean: Some(f64::from(lean)),
+                lean: Some(
+                    place.map_or(0.0, |(centre, width)| f64::from(leaning(centre, width, (0.0, 1.0)))),
+                ),
                 shrinkage: is_varied.then(|| 1.0 - (spread / parameter.sd()).powi(2)),
+                width: place.map(|(_, width)| width),
             });
         }
         Ok(summary)
@@ -309,15 +311,18 @@ impl Inference {
         }
     }
 
+    /// Mean and standard deviation of a coordinate that varies, between 0 and 1 at the bounds of its parameter.
+    fn at(&self, varied: usize) -> (f64, f64) {
+        let places: Vec<f64> = self.points.iter().map(|x| x[varied]).collect();
+        let even = vec![1.0 / places.len() as f64; places.len()];
+        (mean(&places, &even), sd(&places, &even))
+    }
+
     fn say_of_bounds(&self, verdicts: &mut Verdicts) {
-        for (j, name) in self.space.prior().names().iter().enumerate() {
-            if !self.space.varied().contains(&j) {
-                continue;
-            }
-            let column: Vec<f64> = self.values.iter().map(|row| row[j]).collect();
-            let even = vec![1.0 / column.len() as f64; column.len()];
-            let parameter = &self.space.prior().parameters()[j];
-            let lean = leaning(mean(&column, &even), sd(&column, &even), (parameter.lower, parameter.upper));
+        let names = self.space.prior().names();
+        for (at, name) in self.space.varied().iter().map(|&j| &names[j]).enumerate() {
+            let (centre, width) = self.at(at);
+            let lean = leaning(centre, width, (0.0, 1.0));
             if lean != 0 {
                 let side = if lean < 0 { "lower" } else { "upper" };
                 verdicts.add(
