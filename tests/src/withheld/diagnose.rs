@@ -215,6 +215,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "probability",
         "with_rest",
         "closes",
+        "unproven",
         "leans",
         "widened",
         "nearest",
@@ -232,6 +233,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         table.text(list.field(row, 0)).text(cause(&first.name));
         table.numbers(&[diagnosis.stated()]);
         table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
+        table.text(if diagnosis.is_unproven() { "yes" } else { "no" });
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
         table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
         let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));

@@ -6,7 +6,7 @@ use anyhow::{Result, ensure};
 use crate::attribute::attribution::closure::{self, Fitted, Foretold};
 use crate::attribute::attribution::confounding::confounded;
 use crate::attribute::attribution::lean::{Lean, leans};
-use crate::attribute::attribution::untried::{Untried, ignorance, untried};
+use crate::attribute::attribution::untried::{Untried, ignorance, unproven, untried};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, attribute};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
@@ -102,7 +102,7 @@ pub struct Diagnosis {
     pub leans: Vec<Lean>,
     /// What the emulator does not know where the first explanation fits best, in units of noise and scatter.
     pub ignorance: f64,
-    /// Effects that are not to be ruled out yet, since the emulator knows too little of them.
+    /// Effects that are not to be ruled out yet, or not to be called the cause, since the emulator knows too little of them.
     pub untried: Vec<Untried>,
 }
 
@@ -115,6 +115,11 @@ impl Diagnosis {
     /// Probability of what comes first: of its effects, with a rest and without.
     pub fn stated(&self) -> f64 {
         self.attribution.probability_of(self.first())
+    }
+
+    /// Whether effects come first of which the emulator knows too little to call them the cause.
+    pub fn is_unproven(&self) -> bool {
+        self.first().is_cause() && !self.untried.is_empty()
     }
 
     /// The most that the emulator does not know where the first explanation fits best, or an untried effect, in units of
@@ -153,7 +158,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
             ruled_out: explanation.ruled_out,
         }
     };
-    let rows = explanations.iter().zip(&confounded).map(row).collect();
+    let rows: Vec<Row> = explanations.iter().zip(&confounded).map(row).collect();
     let effects = problem
         .candidates
         .iter()
@@ -165,7 +170,8 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         .collect();
     let leans = leans(problem, explanations)?;
     let ignorance = ignorance(problem, attribution.first());
-    let untried = untried(problem, explanations);
+    let mut untried = untried(problem, explanations);
+    untried.extend(unproven(problem, attribution.first(), rows[0].left));
     Ok(Diagnosis { rows, effects, attribution, floor, leans, ignorance, untried })
 }
 

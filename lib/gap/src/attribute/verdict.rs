@@ -60,7 +60,7 @@ pub fn verdict(
         add_beyond(&mut verdicts, problem, diagnosis.first(), believed);
     }
     for lean in &diagnosis.leans {
-        add_lean(&mut verdicts, lean, bounds);
+        add_lean(&mut verdicts, lean, diagnosis, bounds);
     }
     let base = diagnosis.attribution.base();
     let gap = crate::attribute::attribution::closure::gap(problem, &base.evidence.mean);
@@ -77,7 +77,7 @@ pub fn verdict(
     add_rest(&mut verdicts, problem, diagnosis.first())?;
     add_noise(&mut verdicts, problem, diagnosis.first());
     let ignorance = diagnosis.ignorance;
-    if ignorance > IGNORANT {
+    if ignorance > IGNORANT && !diagnosis.is_unproven() {
         verdicts.add("emulator", ignorance, format!(
             "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
         ));
@@ -113,7 +113,7 @@ fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     let mut names: Vec<String> =
         untried.iter().map(|of| name(&explanations[of.place].hypothesis, &problem.candidates)).collect();
     names.sort();
-    if !names.is_empty() {
+    if !names.is_empty() && !diagnosis.is_unproven() {
         verdicts.add("untried", most, format!(
             "the emulator knows too little of {} to rule them out: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there, --next-out, would tell",
             names.join(", ")
@@ -142,12 +142,19 @@ fn add_beyond(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanatio
     }
 }
 
-fn add_lean(verdicts: &mut Verdicts, lean: &Lean, bounds: &str) {
+fn add_lean(verdicts: &mut Verdicts, lean: &Lean, diagnosis: &Diagnosis, bounds: &str) {
+    /// Below this probability within the bounds it is said how small it is.
+    const SMALL: f64 = 0.05;
+    let of = diagnosis.rows.iter().find(|row| row.name == lean.hypothesis);
+    let within = match of.map(|of| of.probability).filter(|probability| *probability < SMALL) {
+        Some(probability) => format!(", whose probability within its bounds is {},", short(probability)),
+        None => String::new(),
+    };
     let (side, relation) = if lean.is_upper { ("upper", "larger") } else { ("lower", "smaller") };
     // One that was made wider has digits of rounding.
     let bound = format!("{:.5e}", lean.bound).parse().unwrap_or(lean.bound);
     verdicts.add("leans", &lean.parameter, format!(
-        "under {} the measurement wants {} to be {relation} than its {side} bound, {bound} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
+        "under {}{within} the measurement wants {} to be {relation} than its {side} bound, {bound} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
         lean.hypothesis, lean.parameter
     ));
 }
@@ -162,10 +169,11 @@ fn needs_more_noise(problem: &Problem<'_>, of: &Explanation, than: &Explanation)
 fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let first = diagnosis.first();
     let is_settled = diagnosis.stated() >= SETTLED && diagnosis.leans.is_empty();
-    if first.is_cause() {
-        return add_effects(verdicts, problem, diagnosis, is_settled, seed);
-    }
-    if first.has_rest {
+    if diagnosis.is_unproven() {
+        add_unproven(verdicts, problem, diagnosis);
+    } else if first.is_cause() {
+        add_effects(verdicts, problem, diagnosis, is_settled, seed)?;
+    } else if first.has_rest {
         add_unknown(verdicts, problem, diagnosis, is_settled);
     } else {
         add_none(verdicts, first.probability, is_settled);
@@ -214,6 +222,19 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     } else {
         verdicts.add("unsettled", UNEXPLAINED, text);
     }
+}
+
+/// That effects come first, of which too little is known to call them the cause.
+fn add_unproven(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let effects = name(&diagnosis.first().hypothesis, &problem.candidates);
+    let (probability, left) = (diagnosis.stated(), percent(diagnosis.rows[0].left));
+    verdicts.add("unsettled", &effects, format!(
+        "{effects} comes first, probability {probability:.2}, but no run shows it: by what is known of it {left} % of the gap would be left"
+    ));
+    verdicts.add("untried", diagnosis.ignorance, format!(
+        "where {effects} fits best the emulator is uncertain by {:.1} times noise and scatter: further runs there, --next-out, would tell",
+        diagnosis.ignorance
+    ));
 }
 
 /// That effects come first, and how much of the gap they close.

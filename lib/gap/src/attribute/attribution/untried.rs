@@ -13,6 +13,9 @@ pub struct Untried {
     pub ignorance: f64,
 }
 
+/// Share of the gap that a cause which is known does not leave.
+const MOST: f64 = 0.5;
+
 /// What an emulator may not know, in units of noise and scatter.
 pub const KNOWN: f64 = 1.0;
 
@@ -38,6 +41,16 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     let is_untried = |of: &Explanation| of.is_vague && is_single(of) && is_visible(of) && is_better(of);
     let all = explanations.iter().enumerate().filter(|(_, of)| is_untried(of));
     all.map(|(place, of)| Untried { place, ignorance: ignorance(problem, of) }).collect()
+}
+
+/// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
+/// mean leaves more than half of the gap there, and they come first only since so little is known of them.
+///
+/// * `left` — share of the gap that the mean curve of the first explanation leaves.
+pub fn unproven(problem: &Problem<'_>, first: &Explanation, left: f64) -> Option<Untried> {
+    let ignorance = ignorance(problem, first);
+    let is_unproven = first.is_cause() && left > MOST && ignorance > KNOWN;
+    is_unproven.then_some(Untried { place: 0, ignorance })
 }
 
 /// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
@@ -107,6 +120,22 @@ mod tests {
         assert!(runs >= 40, "{runs}");
         let (of_a_cause, _) = of(2.5e-3, 0.0, false);
         assert!(of_a_cause.is_empty(), "{of_a_cause:?}");
+    }
+
+    #[test]
+    fn what_comes_first_only_since_little_is_known_of_it_is_not_called_the_cause() {
+        let prior = Straight::prior();
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let is_unproven = |variance: f64, left: f64| {
+            let predictor = Straight::unsure(variance);
+            let problem = predictor.problem(&prior, &observations);
+            let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            let wave = explanations.iter().find(|of| of.name == "wave").unwrap();
+            unproven(&problem, wave, left).is_some()
+        };
+        assert!(is_unproven(2.5e-3, 0.6));
+        assert!(!is_unproven(2.5e-3, 0.4));
+        assert!(!is_unproven(1e-8, 0.6));
     }
 
     #[test]
