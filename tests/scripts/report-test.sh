@@ -214,6 +214,10 @@ None of the candidates explains the gap.
 doubt: Some words.
 Not settled: adhesion is the most probable cause.
 doubt: Some words.'
+    printf 'code\tvalue\ttext\ncause\tadhesion\tit explains it\n' >made/attribution-verdict.txt
+    printf 'code\tvalue\ttext\nmay-not-close\t0.07\tthe gap closes by 7 %%\n' >made/shrink-verdict.txt
+    gl-report case --out made >log
+    same "$(sed -n 's/^<p class="answer">//p' made/report.html)" 'adhesion was named, but with it in the simulation the gap may not close at all.'
 }
 
 what_is_no_calibration_is_refused() {

@@ -227,12 +227,26 @@ impl Diagnosis<'_> {
 
     fn report(&self) -> Result<()> {
         let tables = ["locate.txt", "attribution.txt", "shrink.txt"].map(|name| self.file(name));
-        if !gl_cli::sibling("gl-report").is_file() || is_current(&self.file("report.md"), &tables)? {
+        if is_current(&self.file("report.md"), &tables)? {
+            return self.say_again();
+        }
+        if !gl_cli::sibling("gl-report").is_file() {
             return Ok(());
         }
         let call = Call::new("gl-report").arg(&self.case.folder).flag("--engine", self.engine.name());
         let call = call.flag("--out", self.out).args(&self.request.given);
         self.runner.must(&call, Messages::Shown)
+    }
+
+    /// What it all came to, for who calls where nothing is left to be done.
+    fn say_again(&self) -> Result<()> {
+        for log in ["locate.log", "attribution.log", "shrink.log"] {
+            show(&self.file(log), 0);
+        }
+        for page in ["report.html", "report.md"] {
+            gl_table::print(&format!("{}\n", self.file(page).display()))?;
+        }
+        Ok(())
     }
 
     /// Call a tool whose words are kept in a file and shown, too.

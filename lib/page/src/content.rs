@@ -27,6 +27,8 @@ pub struct Content {
     is_diagnosis: bool,
     /// What answers the question of a diagnosis.
     answer: Option<Sentence>,
+    /// Whether runs with what was named in the simulation leave it open that the gap closes at all.
+    is_refuted: bool,
     /// What was concluded, in the order of the tools.
     conclusions: Vec<String>,
     /// What speaks against trusting it.
@@ -192,6 +194,7 @@ impl Content {
             folder: out.display().to_string(),
             is_diagnosis,
             answer: None,
+            is_refuted: false,
             conclusions: Vec::new(),
             doubts: Vec::new(),
             runs: runs(case, (&base, &base_stage), closed.as_ref(), after.as_ref(), out)?,
@@ -221,6 +224,8 @@ impl Content {
         let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
         self.answer = all.iter().find(|sentence| verdict::is_answer(&sentence.code)).copied().cloned();
+        self.is_refuted =
+            measured.is_some_and(|of| of.verdict.iter().any(|row| verdict::closes_nothing(&row.code)));
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model")));

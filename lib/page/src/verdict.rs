@@ -97,7 +97,13 @@ const DOUBTS: &[&str] = &[
     "alternates",
     "smooth",
     "grows",
+    "may-not-close",
 ];
+
+/// Whether a code says of an effect that was put in that the gap may not close by it.
+pub fn closes_nothing(code: &str) -> bool {
+    matches!(code, "grows" | "may-not-close")
+}
 
 /// Whether a code answers what a diagnosis was asked, so that it is said first.
 pub fn is_answer(code: &str) -> bool {

@@ -532,7 +532,9 @@ fn a_diagnosis_goes_on_where_it_was() {
     let diagnose = || finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
     diagnose();
     let (first, before) = (folder.read("made/attribution.txt"), times(&folder, "made"));
-    diagnose();
+    let (pages, said) = diagnose();
+    assert_eq!(pages, "made/report.html\nmade/report.md\n");
+    assert!(said.contains(&folder.read("made/attribution.log")), "{said}");
     assert!(before == times(&folder, "made"), "what is done is not done again");
     for file in before
         .keys()
