@@ -159,10 +159,13 @@ impl Diagnosis<'_> {
         self.must(&call, "locate.log")
     }
 
-    /// Those of the winner's effects that are the simulator's; what the measurement does needs no runs.
+    /// Those of the winner's effects that are the simulator's, if there are runs that show them; what the measurement does
+    /// needs no runs.
     fn winner(&self) -> Result<Vec<String>> {
-        let attribution = Table::read(&self.file("attribution.txt"))?;
-        let effects = winning_effects(&Prior::read(&self.case.params())?, &attribution)?;
+        let [attribution, verdict] =
+            ["attribution.txt", "attribution-verdict.txt"].map(|name| Table::read(&self.file(name)));
+        let prior = Prior::read(&self.case.params())?;
+        let effects = winning_effects(&prior, &attribution?, &verdict?)?;
         put(&self.file("winner.txt"), format!("{}\n", effects.join(",")).as_bytes())?;
         Ok(effects)
     }
@@ -215,7 +218,10 @@ impl Diagnosis<'_> {
         if is_current(table, &[self.file("winner.txt")])? {
             return Ok(Progress::Finished);
         }
-        gl_cli::note("gl-diagnose", "no effect of the simulator explains the gap, so none is put in");
+        gl_cli::note(
+            "gl-diagnose",
+            "no effect of the simulator is known to explain the gap, so none is put in",
+        );
         for file in
             ["locate-after.txt", "shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"]
         {

@@ -5,13 +5,17 @@ use gl_inference::prior::Prior;
 use gl_table::Table;
 
 /// The effects of the simulator in the most probable hypothesis, in the order of its name; none for `none`, for
-/// `unexplained`, and for what the measurement does.
+/// `unexplained`, for what the measurement does, and where no run shows that they close anything (`untried`).
 ///
-/// * `attribution` — the table of `gl-gap-attribute`.
+/// * `attribution`, `verdict` — the tables of `gl-gap-attribute`.
 ///
 /// # Errors
-/// If the table has no columns `hypothesis probability`, or no rows.
-pub fn winning_effects(prior: &Prior, attribution: &Table) -> Result<Vec<String>> {
+/// If the one has no columns `hypothesis probability`, or no rows, or the other no column `code`.
+pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Table) -> Result<Vec<String>> {
+    let code = verdict.format().column("code")?;
+    if (0..verdict.len()).any(|row| verdict.field(row, code) == "untried") {
+        return Ok(Vec::new());
+    }
     let (name, _) = most_probable(attribution)?;
     let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
     Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
@@ -58,8 +62,11 @@ mod tests {
     fn only_effects_of_the_simulator_win_whatever_the_form_of_the_tables() {
         let prior = "# name,lower,upper,effect,off\r\na,0,1,-,-\r\nb,0,1,x,0\r\nc,0,1,y,0\r\n";
         let prior = Prior::from_table(&table(prior)).unwrap();
-        let winner =
-            |rows: &str| winning_effects(&prior, &table(&format!("#hypothesis probability\n{rows}")));
+        let of = |code: &str, rows: &str| {
+            let attribution = table(&format!("#hypothesis probability\n{rows}"));
+            winning_effects(&prior, &attribution, &table(&format!("code\tvalue\ttext\n{code}\t1\tsaid\n")))
+        };
+        let winner = |rows: &str| of("cause", rows);
         assert_eq!(winner("x+offset(q)+y 0.9\nnone 0.1\n").unwrap(), ["x", "y"]);
         assert_eq!(winner("none 0.1\ny 0.9\n").unwrap(), ["y"]);
         for rows in ["none 1\n", "unexplained 0.9\nx 0.1\n", "offset(q) 1\n"] {
@@ -68,5 +75,6 @@ mod tests {
         // With a rest or without, it is the same cause.
         assert_eq!(winner("none 0.4\nx 0.3\nx+unexplained 0.3\n").unwrap(), ["x"]);
         assert!(winner("").is_err());
+        assert!(of("untried", "x 0.9\nnone 0.1\n").unwrap().is_empty());
     }
 }
