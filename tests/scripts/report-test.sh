@@ -214,6 +214,9 @@ None of the candidates explains the gap.
 doubt: Some words.
 Not settled: adhesion is the most probable cause.
 doubt: Some words.'
+    printf 'code\tvalue\ttext\nunsettled\tadhesion\tno run shows it\nuntried\t3\tfurther runs would tell\n' >made/attribution-verdict.txt
+    gl-report case --out made >log
+    same "$(sed -n 's/^<p class="answer">//p' made/report.html)" 'Not settled: adhesion comes first, but no run shows it.'
     printf 'code\tvalue\ttext\ncause\tadhesion\tit explains it\n' >made/attribution-verdict.txt
     printf 'code\tvalue\ttext\nmay-not-close\t0.07\tthe gap closes by 7 %%\n' >made/shrink-verdict.txt
     gl-report case --out made >log

@@ -26,9 +26,7 @@ pub struct Content {
     folder: String,
     is_diagnosis: bool,
     /// What answers the question of a diagnosis.
-    answer: Option<Sentence>,
-    /// Whether runs with what was named in the simulation leave it open that the gap closes at all.
-    is_refuted: bool,
+    answer: Option<Answer>,
     /// What was concluded, in the order of the tools.
     conclusions: Vec<String>,
     /// What speaks against trusting it.
@@ -42,6 +40,19 @@ pub struct Content {
     closed: Option<Closed>,
     failed: Failed,
     again: Again,
+}
+
+/// What comes first, and what speaks against it.
+#[derive(Debug, Serialize)]
+struct Answer {
+    /// See [`Sentence`].
+    code: String,
+    /// The effects, joined by `+`, or `unexplained` or `none`, where they are named.
+    value: String,
+    /// Whether no run shows that it closes anything.
+    is_unproven: bool,
+    /// Whether runs with it in the simulation leave it open that the gap closes at all.
+    is_refuted: bool,
 }
 
 /// How many runs something took.
@@ -194,7 +205,6 @@ impl Content {
             folder: out.display().to_string(),
             is_diagnosis,
             answer: None,
-            is_refuted: false,
             conclusions: Vec::new(),
             doubts: Vec::new(),
             runs: runs(case, (&base, &base_stage), closed.as_ref(), after.as_ref(), out)?,
@@ -223,9 +233,14 @@ impl Content {
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
         let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
-        self.answer = all.iter().find(|sentence| verdict::is_answer(&sentence.code)).copied().cloned();
-        self.is_refuted =
-            measured.is_some_and(|of| of.verdict.iter().any(|row| verdict::closes_nothing(&row.code)));
+        let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
+        self.answer = first.map(|first| Answer {
+            code: first.code.clone(),
+            value: first.value.clone(),
+            is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
+            is_refuted: measured
+                .is_some_and(|of| of.verdict.iter().any(|row| verdict::closes_nothing(&row.code))),
+        });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model")));
