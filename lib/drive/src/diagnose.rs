@@ -15,6 +15,7 @@ use gl_case::{Case, Engine, Posterior, Test};
 use gl_gap::attribute::winner::winning_effects;
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
+use gl_table::verdict::Verdicts;
 use gl_table::{Table, TableWriter};
 
 use crate::Progress;
@@ -162,10 +163,9 @@ impl Diagnosis<'_> {
     /// Those of the winner's effects that are the simulator's, if there are runs that show them; what the measurement does
     /// needs no runs.
     fn winner(&self) -> Result<Vec<String>> {
-        let [attribution, verdict] =
-            ["attribution.txt", "attribution-verdict.txt"].map(|name| Table::read(&self.file(name)));
-        let prior = Prior::read(&self.case.params())?;
-        let effects = winning_effects(&prior, &attribution?, &verdict?)?;
+        let attribution = Table::read(&self.file("attribution.txt"))?;
+        let verdict = Verdicts::read(&self.file("attribution-verdict.txt"))?;
+        let effects = winning_effects(&Prior::read(&self.case.params())?, &attribution, &verdict)?;
         put(&self.file("winner.txt"), format!("{}\n", effects.join(",")).as_bytes())?;
         Ok(effects)
     }
@@ -222,9 +222,14 @@ impl Diagnosis<'_> {
             "gl-diagnose",
             "no effect of the simulator is known to explain the gap, so none is put in",
         );
-        for file in
-            ["locate-after.txt", "shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-verdict.txt"]
-        {
+        for file in [
+            "locate-after.txt",
+            "shrink-unseen.txt",
+            "shrink-unseen-verdict.txt",
+            "shrink-unseen.log",
+            "shrink-verdict.txt",
+            "shrink.log",
+        ] {
             let _ = std::fs::remove_file(self.file(file));
         }
         TableWriter::create(Some(table), &COLUMNS)?.finish()?;
@@ -246,7 +251,7 @@ impl Diagnosis<'_> {
 
     /// What it all came to, for who calls where nothing is left to be done.
     fn say_again(&self) -> Result<()> {
-        for log in ["locate.log", "attribution.log", "shrink.log"] {
+        for log in ["locate.log", "attribution.log", "shrink-unseen.log", "shrink.log"] {
             show(&self.file(log), 0);
         }
         for page in ["report.html", "report.md"] {

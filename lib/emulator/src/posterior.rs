@@ -305,8 +305,7 @@ impl Asked<'_> {
             // What was predicted too boldly may well be so again: of both widths the larger.
             surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
         }
-        let near = self.near.clone();
-        let sampler = Sampler { surrogate: &surrogate, space, measured, options, near };
+        let sampler = Sampler { surrogate: &surrogate, space, measured, options, near: &self.near };
         let outcome = sampler.settle(&self.nuisances, &self.population)?;
         // What counts depends on how large the noise turned out to be.
         let proof = prove(outcome.variance(space))?;

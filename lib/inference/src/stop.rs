@@ -159,14 +159,12 @@ fn settled(summary: &Summary, previous: &Previous) -> Vec<Criterion> {
         for now in summary.varied() {
             let then = before.parameter(&now.name);
             let of = |parameter: Option<&ParameterSummary>| {
-                // A width by logarithms rests on more draws than the standard deviation of values over decades.
-                parameter.and_then(|p| Some((p.mean?, p.sd?, p.width.or(p.sd)?))).unwrap_or((
-                    f64::NAN,
-                    f64::NAN,
-                    f64::NAN,
-                ))
+                parameter.and_then(|p| Some((p.mean?, p.sd?))).unwrap_or((f64::NAN, f64::NAN))
             };
-            let ((mean, sd, width), (mean_then, sd_then, width_then)) = (of(Some(now)), of(then));
+            let ((mean, sd), (mean_then, sd_then)) = (of(Some(now)), of(then));
+            // A width by logarithms rests on more draws than the standard deviation of values over decades.
+            let widths = now.width.zip(then.and_then(|then| then.width));
+            let (width, width_then) = widths.unwrap_or((sd, sd_then));
             let moved = (mean - mean_then).abs() / sd.max(sd_then).max(f64::MIN_POSITIVE);
             let widened = (width.max(f64::MIN_POSITIVE) / width_then.max(f64::MIN_POSITIVE)).ln().abs();
             // NaN, of a parameter that was not there, is no small change.
@@ -374,12 +372,12 @@ fn parameter_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
             );
         }
     }
-    leaning_verdicts(summary, verdicts);
+    leaning_verdicts(&summary.parameters, verdicts);
 }
 
 /// `leans`, for each parameter whose posterior leans on a bound.
-pub fn leaning_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
-    for parameter in &summary.parameters {
+pub fn leaning_verdicts(parameters: &[ParameterSummary], verdicts: &mut Verdicts) {
+    for parameter in parameters {
         if let Some(side) = parameter.leaning_side() {
             let name = &parameter.name;
             verdicts.add(

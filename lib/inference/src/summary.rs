@@ -388,8 +388,10 @@ impl Marginals {
         let quantiles = Quantiles::new(values, &self.wide_weights);
         let median = quantiles.at(0.5);
         let widened = |p: f64| (median + self.stretch * (quantiles.at(p) - median)).clamp(lower, upper);
-        let places: Vec<f64> = values.iter().map(|x| scale.forward(*x)).collect();
-        let (centre, spread) = moments(&places);
+        let (centre, spread) = match scale {
+            Scale::Linear => (mean_value, sd_value),
+            Scale::Log => moments(&values.iter().map(|x| scale.forward(*x)).collect::<Vec<_>>()),
+        };
         let lean = leaning(centre, spread, (scale.forward(lower), scale.forward(upper)));
         ParameterPosterior { mean: mean_value, sd: sd_value, q05: widened(0.05), q95: widened(0.95), lean }
     }

@@ -290,7 +290,7 @@ fn verdicts(summary: &Summary) -> Verdicts {
             format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened"),
         );
     }
-    leaning_verdicts(summary, &mut verdicts);
+    leaning_verdicts(&summary.parameters, &mut verdicts);
     verdicts
 }
 

@@ -20,6 +20,7 @@ use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::samples::Samples;
 use gl_table::Table;
+use gl_table::verdict::Verdicts;
 
 use super::{Diagnosis, WIDER_PRIOR, renew};
 use crate::Progress;
@@ -147,9 +148,8 @@ impl Diagnosis<'_> {
     /// most probable explanation has a parameter there.
     fn keep_wider_prior(&self, design: &Path) -> Result<()> {
         let target = self.file(WIDER_PRIOR);
-        let verdict = Table::read(&self.file("attribution-verdict.txt"))?;
-        let code = verdict.format().column("code")?;
-        let is_beyond = (0..verdict.len()).any(|row| verdict.field(row, code) == "beyond-prior");
+        let verdict = Verdicts::read(&self.file("attribution-verdict.txt"))?;
+        let is_beyond = verdict.find("beyond-prior").is_some();
         match with_beyond(&Prior::read(&self.case.params())?, &Prior::read(design)?)?.filter(|_| is_beyond) {
             Some(wider) => wider.write(Some(&target)),
             None => {

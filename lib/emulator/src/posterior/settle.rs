@@ -2,7 +2,6 @@
 
 use anyhow::Result;
 use gl_numeric::sequence::{self, Method};
-use gl_numeric::statistics::sd;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -12,7 +11,7 @@ use super::likelihood::{Fit, Likelihood, Measured, Nuisances, Posterior};
 use super::mixture::LocalMixture;
 use super::modes::{Mode, modes};
 use super::noise::{self, ChiSquare};
-use super::smc::{Effort, Population, refined, sample};
+use super::smc::{Effort, Population, refined, sample, spreads};
 use super::space::Space;
 use super::start::Start;
 use super::surrogate::Surrogate;
@@ -73,7 +72,7 @@ pub(super) struct Sampler<'a> {
     pub(super) measured: &'a Measured,
     pub(super) options: Options,
     /// Where the runs that fit best stand, shape (runs, parameters).
-    pub(super) near: Vec<Vec<f64>>,
+    pub(super) near: &'a [Vec<f64>],
 }
 
 /// What the best fit says that can be reached from the runs.
@@ -276,9 +275,7 @@ fn parameters_of(points: &[Vec<f64>], space: &Space) -> Vec<Vec<f64>> {
 
 /// Standard deviation of the prior in each coordinate that varies.
 fn prior_sd(space: &Space) -> Result<Vec<f64>> {
-    let points = from_prior(space, 0, 500, 0)?;
-    let weights = vec![1.0 / points.len() as f64; points.len()];
-    Ok((0..space.len()).map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &weights)).collect())
+    Ok(spreads(&from_prior(space, 0, 500, 0)?))
 }
 
 /// The points of the highest likelihood.

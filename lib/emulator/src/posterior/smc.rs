@@ -71,10 +71,13 @@ const KEPT: f64 = 0.6;
 /// Temperatures at most.
 const MOST_STAGES: usize = 200;
 
-/// Normals about the draws of a density, and how many times as wide as smooths them best, from which it is sampled again; so
-/// many times at most, and until its evidence changes by less than this, in ln.
+/// Normals about the draws of a density, and how many times as wide as smooths them best, from which it is sampled again.
 const WIDER: [(usize, f64); 2] = [(300, 2.0), (100, 4.0)];
+
+/// So many times at most.
 const PASSES: u64 = 10;
+
+/// Until ln of its evidence changes by less, and no standard deviation grows by a larger factor.
 const SETTLED: f64 = 0.1;
 const WIDENED: f64 = 1.05;
 
@@ -147,8 +150,8 @@ pub fn refined(
         let start = Start { mixtures: WIDER.map(about).into(), dimensions: population.points[0].len() };
         let effort = Effort { moves: 1.0, last_moves: 2.0, sweeps: 8, seed };
         let next = sample(density, Some(&start), prior(seed)?, effort)?;
-        let spread = spreads(&next).zip(spreads(&population)).map(|(next, before)| next / before);
-        let is_wider = spread.fold(0.0, f64::max) > WIDENED;
+        let [spread, before] = [&next, &population].map(|of| spreads(&of.points));
+        let is_wider = spread.iter().zip(&before).any(|(next, before)| next / before > WIDENED);
         let is_settled = (next.ln_evidence - population.ln_evidence).abs() < SETTLED && !is_wider;
         population = next;
         if is_settled {
@@ -158,11 +161,10 @@ pub fn refined(
     Ok(population)
 }
 
-/// Standard deviation of each coordinate.
-fn spreads(population: &Population) -> impl Iterator<Item = f64> {
-    let even = vec![1.0 / population.points.len() as f64; population.points.len()];
-    (0..population.points[0].len())
-        .map(move |j| sd(&population.points.iter().map(|x| x[j]).collect::<Vec<_>>(), &even))
+/// Standard deviation of each coordinate of points, shape (points, dimensions).
+pub(super) fn spreads(points: &[Vec<f64>]) -> Vec<f64> {
+    let even = vec![1.0 / points.len() as f64; points.len()];
+    (0..points[0].len()).map(|j| sd(&points.iter().map(|x| x[j]).collect::<Vec<_>>(), &even)).collect()
 }
 
 /// What lies between a start, the prior if there is no other, and the density that is wanted.

@@ -2,7 +2,9 @@
 
 use anyhow::Result;
 use gl_inference::fit::said;
+use gl_inference::prior::Parameter;
 use gl_inference::samples::Samples;
+use gl_inference::stop::leaning_verdicts;
 use gl_inference::summary::{ParameterSummary, Summary, leaning};
 use gl_inference::weights::Weights;
 use gl_numeric::statistics::{Quantiles, effective_size, mean, sd};
@@ -125,28 +127,8 @@ impl Inference {
             ln_evidence: Some(self.ln_evidence),
             ..self.trust()
         };
-        for (j, name) in self.space.prior().names().into_iter().enumerate() {
-            let column: Vec<f64> = self.values.iter().map(|row| row[j]).collect();
-            let is_varied = self.space.varied().contains(&j);
-            let parameter = &self.space.prior().parameters()[j];
-            let (centre, spread) = (mean(&column, &even), if is_varied { sd(&column, &even) } else { 0.0 });
-            let cv = if spread == 0.0 { 0.0 } else { spread / centre };
-            let quantiles = Quantiles::new(&column, &even);
-            let place = self.space.varied().iter().position(|&varied| varied == j).map(|at| self.at(at));
-            summary.parameters.push(ParameterSummary {
-                name,
-                mean: Some(centre),
-                sd: Some(spread),
-                cv: Some(if cv.is_finite() { cv } else { 0.0 }),
-                q05: Some(quantiles.at(0.05)),
-                q95: Some(quantiles.at(0.95)),
-                best: Some(of_runs.values[0][j]),
-                lean: Some(
-                    place.map_or(0.0, |(centre, width)| f64::from(leaning(centre, width, (0.0, 1.0)))),
-                ),
-                shrinkage: is_varied.then(|| 1.0 - (spread / parameter.sd()).powi(2)),
-                width: place.map(|(_, width)| width),
-            });
+        for (parameter, best) in self.parameters().into_iter().zip(&of_runs.values[0]) {
+            summary.parameters.push(ParameterSummary { best: Some(*best), ..parameter });
         }
         Ok(summary)
     }
@@ -231,7 +213,7 @@ impl Inference {
         self.say_of_correlation(options, &mut verdicts);
         self.say_of_noise(&mut verdicts);
         self.say_of_emulator(&mut verdicts);
-        self.say_of_bounds(&mut verdicts);
+        leaning_verdicts(&self.parameters(), &mut verdicts);
         verdicts
     }
 
@@ -311,27 +293,34 @@ impl Inference {
         }
     }
 
-    /// Mean and standard deviation of a coordinate that varies, between 0 and 1 at the bounds of its parameter.
-    fn at(&self, varied: usize) -> (f64, f64) {
-        let places: Vec<f64> = self.points.iter().map(|x| x[varied]).collect();
-        let even = vec![1.0 / places.len() as f64; places.len()];
-        (mean(&places, &even), sd(&places, &even))
-    }
-
-    fn say_of_bounds(&self, verdicts: &mut Verdicts) {
-        let names = self.space.prior().names();
-        for (at, name) in self.space.varied().iter().map(|&j| &names[j]).enumerate() {
-            let (centre, width) = self.at(at);
-            let lean = leaning(centre, width, (0.0, 1.0));
-            if lean != 0 {
-                let side = if lean < 0 { "lower" } else { "upper" };
-                verdicts.add(
-                    "leans",
-                    name,
-                    format!("{name} leans on its {side} bound; the truth may lie outside"),
-                );
+    /// What the draws say of each parameter.
+    fn parameters(&self) -> Vec<ParameterSummary> {
+        let even = vec![1.0 / self.points.len() as f64; self.points.len()];
+        let moments = |values: &[f64]| (mean(values, &even), sd(values, &even));
+        let parameters = self.space.prior().parameters();
+        let of = |(j, parameter): (usize, &Parameter)| {
+            let column: Vec<f64> = self.values.iter().map(|row| row[j]).collect();
+            // Where it varies: mean and standard deviation of its coordinate, which is 0 and 1 at the bounds.
+            let at = self.space.varied().iter().position(|&varied| varied == j);
+            let place = at.map(|at| moments(&self.points.iter().map(|x| x[at]).collect::<Vec<_>>()));
+            let (centre, spread) = moments(&column);
+            let spread = if place.is_some() { spread } else { 0.0 };
+            let cv = if spread == 0.0 { 0.0 } else { spread / centre };
+            let quantiles = Quantiles::new(&column, &even);
+            ParameterSummary {
+                name: parameter.name.clone(),
+                mean: Some(centre),
+                sd: Some(spread),
+                cv: Some(if cv.is_finite() { cv } else { 0.0 }),
+                q05: Some(quantiles.at(0.05)),
+                q95: Some(quantiles.at(0.95)),
+                best: None,
+                lean: Some(place.map_or(0, |(centre, width)| leaning(centre, width, (0.0, 1.0))).into()),
+                shrinkage: place.map(|_| 1.0 - (spread / parameter.sd()).powi(2)),
+                width: place.map(|(_, width)| width),
             }
-        }
+        };
+        parameters.iter().enumerate().map(of).collect()
     }
 
     /// The observables whose residuals are correlated, with the correlation that is counted with.

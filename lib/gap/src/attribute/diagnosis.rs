@@ -171,7 +171,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
     let leans = leans(problem, explanations)?;
     let ignorance = ignorance(problem, attribution.first());
     let mut untried = untried(problem, explanations);
-    untried.extend(unproven(problem, attribution.first(), rows[0].left));
+    untried.extend(unproven(attribution.first(), rows[0].left, ignorance));
     Ok(Diagnosis { rows, effects, attribution, floor, leans, ignorance, untried })
 }
 

@@ -3,17 +3,17 @@
 use anyhow::{Result, ensure};
 use gl_inference::prior::Prior;
 use gl_table::Table;
+use gl_table::verdict::Verdicts;
 
 /// The effects of the simulator in the most probable hypothesis, in the order of its name; none for `none`, for
 /// `unexplained`, for what the measurement does, and where no run shows that they close anything (`untried`).
 ///
-/// * `attribution`, `verdict` — the tables of `gl-gap-attribute`.
+/// * `attribution`, `verdict` — what `gl-gap-attribute` wrote.
 ///
 /// # Errors
-/// If the one has no columns `hypothesis probability`, or no rows, or the other no column `code`.
-pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Table) -> Result<Vec<String>> {
-    let code = verdict.format().column("code")?;
-    if (0..verdict.len()).any(|row| verdict.field(row, code) == "untried") {
+/// If the table has no columns `hypothesis probability`, or no rows.
+pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Verdicts) -> Result<Vec<String>> {
+    if verdict.find("untried").is_some() {
         return Ok(Vec::new());
     }
     let (name, _) = most_probable(attribution)?;
@@ -64,7 +64,9 @@ mod tests {
         let prior = Prior::from_table(&table(prior)).unwrap();
         let of = |code: &str, rows: &str| {
             let attribution = table(&format!("#hypothesis probability\n{rows}"));
-            winning_effects(&prior, &attribution, &table(&format!("code\tvalue\ttext\n{code}\t1\tsaid\n")))
+            let mut verdict = Verdicts::default();
+            verdict.add(code, 1, "said");
+            winning_effects(&prior, &attribution, &verdict)
         };
         let winner = |rows: &str| of("cause", rows);
         assert_eq!(winner("x+offset(q)+y 0.9\nnone 0.1\n").unwrap(), ["x", "y"]);

@@ -47,8 +47,8 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
 /// mean leaves more than half of the gap there, and they come first only since so little is known of them.
 ///
 /// * `left` — share of the gap that the mean curve of the first explanation leaves.
-pub fn unproven(problem: &Problem<'_>, first: &Explanation, left: f64) -> Option<Untried> {
-    let ignorance = ignorance(problem, first);
+/// * `ignorance` — see [`ignorance`], of the same.
+pub fn unproven(first: &Explanation, left: f64, ignorance: f64) -> Option<Untried> {
     let is_unproven = first.is_cause() && left > MOST && ignorance > KNOWN;
     is_unproven.then_some(Untried { place: 0, ignorance })
 }
@@ -131,7 +131,7 @@ mod tests {
             let problem = predictor.problem(&prior, &observations);
             let explanations = attribute(&problem, 1, 1).unwrap().explanations;
             let wave = explanations.iter().find(|of| of.name == "wave").unwrap();
-            unproven(&problem, wave, left).is_some()
+            unproven(wave, left, ignorance(&problem, wave)).is_some()
         };
         assert!(is_unproven(2.5e-3, 0.6));
         assert!(!is_unproven(2.5e-3, 0.4));
