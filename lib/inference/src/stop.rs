@@ -463,4 +463,32 @@ mod tests {
         assert!(!is_met(80.0, 0.84, 0.8), "what is not known widens the posterior");
         assert!(!is_met(80.0, 0.86, 0.1), "they do not scatter");
     }
+
+    #[test]
+    fn a_spread_is_that_of_the_width_where_both_batches_have_one() {
+        let summary = |sd: f64, width: Option<f64>| Summary {
+            ignorance: Some(0.1),
+            parameters: vec![ParameterSummary {
+                name: "a".into(),
+                mean: Some(1.0),
+                sd: Some(sd),
+                shrinkage: Some(0.5),
+                width,
+                ..ParameterSummary::default()
+            }],
+            ..Summary::default()
+        };
+        let is_met = |(sd, width): (f64, Option<f64>), (sd_then, width_then): (f64, Option<f64>)| {
+            let before = Previous::Iteration(Box::new(summary(sd_then, width_then)));
+            let criteria = settled(&summary(sd, width), &before);
+            criteria.iter().find(|of| of.name == "spread").unwrap().is_met
+        };
+        assert!(
+            is_met((2.0, Some(0.1)), (1.0, Some(0.1))),
+            "over decades the standard deviation of values is a few draws'"
+        );
+        assert!(!is_met((1.0, Some(0.2)), (1.0, Some(0.1))));
+        assert!(is_met((1.0, Some(0.2)), (1.0, None)), "a width is compared with a width alone");
+        assert!(!is_met((2.0, None), (1.0, None)));
+    }
 }

@@ -480,3 +480,29 @@ impl Weighed<'_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prior_over_decades_leans_on_no_bound_by_its_logarithm() {
+        let even = vec![0.01; 100];
+        let marginals = Marginals {
+            weights: even.clone(),
+            wide_weights: even,
+            stretch: 1.0,
+            is_posterior: false,
+            inflation: 1.0,
+        };
+        let values: Vec<f64> = (0..100).map(|i| 10_f64.powf(-3.0 * (i as f64 + 0.5) / 100.0)).collect();
+        let lean =
+            |values: &[f64], scale| marginals.of(values, Range { lower: 1e-3, upper: 1.0, scale }).lean;
+        assert_eq!(lean(&values, Scale::Linear), -1);
+        assert_eq!(lean(&values, Scale::Log), 0);
+        // Denser towards the bound, as what is cut off there is.
+        let low: Vec<f64> =
+            (0..100).map(|i| 10_f64.powf(-3.0 + 0.6 * ((i as f64 + 0.5) / 100.0).powi(2))).collect();
+        assert_eq!(lean(&low, Scale::Log), -1);
+    }
+}
