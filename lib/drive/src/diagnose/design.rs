@@ -1,7 +1,7 @@
 //! Runs in which every effect is on and off, and what they say of the gap.
 //!
 //! The design draws the base parameters from a box about what fits best in `base`. Where a hypothesis that is not ruled
-//! out leans on the box, it is made wider on that side and further runs are made, twice within the prior and twice beyond it
+//! out leans on the box, it is made wider on that side and further runs are made, three times within the prior and twice beyond it
 //! at the most: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
 //! first of them that says what the one before did is the last. Where `design_num` is absent, a design that would end with effects

@@ -24,8 +24,9 @@ const POINTED: usize = 3;
 /// the design may have.
 const FURTHER: usize = 2;
 
-/// The box is made wider so often at the most: within the prior, and beyond it.
-const WIDEST: usize = 2;
+/// The box is made wider so often at the most: within the prior, and beyond it. Twice its own width make a quarter of the
+/// prior's all of it; not every parameter leans on the box at once.
+const WIDEST: [usize; 2] = [3, 2];
 
 impl Rounds {
     /// Runs of the first round, all over the box: two fifths.
@@ -40,7 +41,7 @@ impl Rounds {
 
     /// Runs of all rounds in wider boxes, at the most.
     pub fn most_wider(self) -> usize {
-        2 * WIDEST * self.wider()
+        WIDEST.iter().sum::<usize>() * self.wider()
     }
 
     /// Runs of all further rounds, at the most.
@@ -172,9 +173,11 @@ impl Course {
     /// A round in a wider box shows the cause anew, but has no runs where the hypotheses put the parameters: it settles
     /// nothing before a pointed round was made.
     pub fn next(&mut self, now: Standing, wider: Option<Wider>) -> Step {
-        let times = wider.map(|wider| &mut self.widened[wider as usize]).filter(|times| **times < WIDEST);
+        let times = wider
+            .map(|wider| (&mut self.widened[wider as usize], WIDEST[wider as usize]))
+            .filter(|(times, most)| **times < *most);
         self.is_wider = times.is_some();
-        if let Some(times) = times {
+        if let Some((times, _)) = times {
             *times += 1;
             self.before = self.before.take().and(Some(now));
             return Step::Widen;
@@ -253,14 +256,14 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_made_wider_twice_within_the_prior_and_twice_beyond_it() {
+    fn a_box_is_made_wider_three_times_within_the_prior_and_twice_beyond_it() {
         let now = of("adhesion", 0.5, 0.6);
         let said: Vec<(Standing, Option<Wider>)> = [Wider::Within, Wider::Beyond]
             .iter()
-            .flat_map(|wider| vec![(now.clone(), Some(*wider)); 3])
+            .flat_map(|wider| vec![(now.clone(), Some(*wider)); 4])
             .collect();
         let (widen, point) = (Step::Widen, Step::Point);
-        assert_eq!(steps(None, &said), [widen, widen, point, widen, widen, point]);
+        assert_eq!(steps(None, &said), [widen, widen, widen, point, widen, widen, point, point]);
     }
 
     #[test]
