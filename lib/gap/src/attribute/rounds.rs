@@ -173,12 +173,10 @@ impl Course {
     /// A round in a wider box shows the cause anew, but has no runs where the hypotheses put the parameters: it settles
     /// nothing before a pointed round was made.
     pub fn next(&mut self, now: Standing, wider: Option<Wider>) -> Step {
-        let times = wider
-            .map(|wider| (&mut self.widened[wider as usize], WIDEST[wider as usize]))
-            .filter(|(times, most)| **times < *most);
-        self.is_wider = times.is_some();
-        if let Some((times, _)) = times {
-            *times += 1;
+        let wider = wider.filter(|&wider| self.widened[wider as usize] < WIDEST[wider as usize]);
+        self.is_wider = wider.is_some();
+        if let Some(wider) = wider {
+            self.widened[wider as usize] += 1;
             self.before = self.before.take().and(Some(now));
             return Step::Widen;
         }
