@@ -43,7 +43,9 @@ with_slurm() {
     # Others on this machine may test too, and so may others of this run.
     export SLURM_TEST_PORT=$((20000 + $$ % 5000 * 2))
     until exec 8>"$SHARED/port$SLURM_TEST_PORT" && flock -n 8; do SLURM_TEST_PORT=$((SLURM_TEST_PORT + 2)); done
-    mkdir slurm
+    mkdir slurm home
+    # Tasks are login shells: what a person's profile does, and waits for when a task was killed in it, is not tested.
+    export HOME=$PWD/home
     # munged wants its socket where everybody may look.
     chmod 755 .
     trap '"$ROOT/tests/slurm/stop.sh"' EXIT
