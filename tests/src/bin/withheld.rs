@@ -97,7 +97,7 @@ fn run(args: &Args) -> Result<()> {
 type Group = (&'static str, fn(&Scored) -> bool);
 
 /// Groups of cases by what is behind them and how visible it is.
-const GROUPS: [Group; 12] = [
+const GROUPS: [Group; 13] = [
     ("none", |case| case.truth == "none"),
     ("one, visibility >= 1", |case| is_one(case) && case.visibility >= 1.0),
     ("one, 0.5 to 1", |case| is_one(case) && (0.5..1.0).contains(&case.visibility)),
@@ -111,6 +111,9 @@ const GROUPS: [Group; 12] = [
     }),
     ("no candidate, >= 2, imitated by another", |case| {
         case.withheld && case.visibility >= 2.0 && case.imitated < 1.0
+    }),
+    ("no candidate, >= 2, beside two others and beyond the prior >= 1", |case| {
+        case.withheld && case.visibility >= 2.0 && case.considered >= 1.0
     }),
     ("no candidate, 1 to 2", |case| case.withheld && (1.0..2.0).contains(&case.visibility)),
     ("no candidate, below 1", |case| case.withheld && case.visibility < 1.0),

@@ -23,7 +23,7 @@ pub struct Fit {
 /// with a noise of each observable. Levenberg–Marquardt from a few places.
 ///
 /// # Errors
-/// If the world refuses the start.
+/// If the world refuses every place to start from.
 pub fn fit(
     bench: &Bench,
     parameters: &[Parameter],
@@ -44,23 +44,26 @@ pub fn fit(
             }
             values
         };
-        let residual = |z: &[f64]| -> Result<DVector<f64>> {
-            let curves = bench.simulate(&values(z))?;
+        let residual = |z: &[f64]| -> Option<DVector<f64>> {
+            let curves = bench.simulate(&values(z)).ok()?;
             let white =
                 curves.iter().zip(target).zip(noise).flat_map(|((curve, target), sd)| {
                     curve.iter().zip(target).map(move |(y, t)| (t - y) / sd)
                 });
-            Ok(DVector::from_iterator(target.iter().map(Vec::len).sum(), white))
+            Some(DVector::from_iterator(target.iter().map(Vec::len).sum(), white))
         };
-        let mut r = residual(&z)?;
+        let Some(mut r) = residual(&z) else { continue };
         let mut damping = 1e-3;
         let mut slopes = DMatrix::zeros(r.len(), free.len());
         'climb: for _ in 0..25 {
             for k in 0..free.len() {
-                let mut moved = z.clone();
-                let step = if z[k] > 0.5 { -1e-5 } else { 1e-5 };
-                moved[k] += step;
-                slopes.set_column(k, &((&r - residual(&moved)?) / step));
+                let inwards = if z[k] > 0.5 { -1e-5 } else { 1e-5 };
+                let slope = [inwards, -inwards].into_iter().find_map(|step| {
+                    let mut moved = z.clone();
+                    moved[k] += step;
+                    Some((&r - residual(&moved)?) / step)
+                });
+                slopes.set_column(k, &slope.unwrap_or_else(|| DVector::zeros(r.len())));
             }
             let (mut square, mut slope) = (slopes.tr_mul(&slopes), slopes.tr_mul(&r));
             // What a bound holds does not move, and does not hold up the others.
@@ -79,8 +82,9 @@ pub fn fit(
                 let step = Cholesky::new(damped).context("a curve that nothing changes")?.solve(&slope);
                 let next: Vec<f64> =
                     z.iter().zip(step.iter()).map(|(z, s)| (z + s).clamp(0.0, 1.0)).collect();
-                let there = residual(&next)?;
-                if there.norm_squared() < r.norm_squared() {
+                // No further than the world goes.
+                let there = residual(&next).filter(|there| there.norm_squared() < r.norm_squared());
+                if let Some(there) = there {
                     let gained = 1.0 - there.norm_squared() / r.norm_squared();
                     (z, r) = (next, there);
                     damping = (damping * 0.2).max(1e-12);
@@ -101,5 +105,5 @@ pub fn fit(
             best = Some(Fit { curves: bench.simulate(&values)?, values, slopes, rms });
         }
     }
-    best.context("no place to start from")
+    best.context("the world refuses every place to start from")
 }

@@ -4,9 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use gl_gap::attribute::problem::hypothesis::hypotheses;
 use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
+use gl_gap::design_box::{Limit, Pull, widen};
 use gl_inference::observations::range;
-use gl_inference::prior::{Effect, Parameter};
+use gl_inference::prior::{Effect, Parameter, Prior};
 use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;
@@ -28,6 +30,12 @@ const OF_THE_CONTROL: (f64, f64) = (0.005, 0.05);
 
 /// How far beyond a true value that is outside its prior a fit may go, as a share of the way to the other bound.
 const MARGIN: f64 = 0.1;
+
+/// Visibility from which on an effect that is no candidate can be seen.
+const SEEN_WITHOUT: f64 = 2.0;
+
+/// A diagnosis goes so often beyond the prior.
+const TIMES_BEYOND: usize = 2;
 
 /// Effects of the measurement that are candidates where any are.
 pub const KINDS: [(&str, Kind); 5] = [
@@ -142,8 +150,12 @@ struct Case {
     visibility: f64,
     /// The least that the base and all other effects but one cannot absorb, in noise and scatter.
     least: f64,
-    /// What the base and any one candidate cannot absorb of an effect that is no candidate, in noise and scatter.
+    /// What the base and any one candidate cannot absorb of an effect that is no candidate and can be seen, in noise and
+    /// scatter.
     imitated: f64,
+    /// What nothing that the diagnosis considers can: the base and any two candidates, as far beyond the prior as its
+    /// box goes.
+    considered: f64,
     /// What recalibrating the world with its true effects closes.
     shrink: f64,
     values: Vec<f64>,
@@ -171,6 +183,7 @@ pub fn generate(bench: &Bench, condition: Condition, which: Which, dir: &Path) -
         "visibility",
         "least",
         "imitated",
+        "considered",
         "shrink",
         "noise",
         "values",
@@ -186,7 +199,8 @@ pub fn generate(bench: &Bench, condition: Condition, which: Which, dir: &Path) -
         let effects = if case.effects.is_empty() { "none".to_owned() } else { case.effects.join("+") };
         let withheld = case.withheld.as_deref().unwrap_or("-");
         answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);
-        answers.numbers(&[case.visibility, case.least, case.imitated, case.shrink, case.noise[0]]);
+        answers.numbers(&[case.visibility, case.least, case.imitated, case.considered]);
+        answers.numbers(&[case.shrink, case.noise[0]]);
         let rest = match condition {
             Condition::Remainder(_) => "yes",
             Condition::Outside => "outside",
@@ -233,7 +247,7 @@ fn draw_seen(bench: &Bench, condition: Condition, seed: u64, stream: u64) -> Res
     const TIMES: u64 = 40;
     let is_seen = |case: &Case| match (case.effects.len(), &case.withheld) {
         (0, _) => true,
-        (_, Some(_)) => case.visibility >= 2.0,
+        (_, Some(_)) => case.visibility >= SEEN_WITHOUT,
         (1, None) => case.visibility >= 1.0,
         _ => case.least >= 0.5,
     };
@@ -292,7 +306,14 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
     let seen = visibility(&chosen)?;
     let least = chosen.iter().map(|&e| visibility(&[e])).collect::<Result<Vec<_>>>()?;
-    let imitated = if kept.is_withheld { world.imitated(&truth, &spread)? } else { f64::INFINITY };
+    let (imitated, considered) = if kept.is_withheld && seen >= SEEN_WITHOUT {
+        let parameters = beyond(&world.parameters)?;
+        let (one, two) = (world.others(1, 1), world.others(0, 2));
+        let within = world.imitated(&one, &world.parameters, &truth, &spread)?;
+        (within, within.min(world.imitated(&two, &parameters, &truth, &spread)?))
+    } else {
+        (f64::INFINITY, f64::INFINITY)
+    };
     let names = world.effects.iter().map(|effect| effect.name.clone());
     Ok(Case {
         family,
@@ -302,6 +323,7 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
         visibility: seen,
         least: least.into_iter().fold(f64::INFINITY, f64::min).min(1e9),
         imitated: imitated.min(1e9),
+        considered: considered.min(1e9),
         shrink: if gap_before > 0.0 { 1.0 - gap_after / gap_before } else { 0.0 },
         values: world.values,
         noisy,
@@ -391,20 +413,49 @@ impl<'a> Truth<'a> {
         fit(self.bench, &self.parameters, (&start, &free), target, noise)
     }
 
-    /// The least root mean square that the base parameters and one effect which is not in it leave of a target, in a noise
-    /// of each observable.
-    fn imitated(&self, target: &[Vec<f64>], noise: &[f64]) -> Result<f64> {
+    /// Sets of effects that are not in it, of so many at the least and at the most.
+    fn others(&self, least: usize, most: usize) -> Vec<Vec<Effect>> {
+        let mut others = self.bench.effects();
+        others.retain(|other| !self.effects.contains(other));
+        let sets = hypotheses(others.len(), most).into_iter().filter(|set| set.len() >= least);
+        sets.map(|set| set.into_iter().map(|other| others[other].clone()).collect()).collect()
+    }
+
+    /// The least root mean square that the base parameters and one of some sets of effects leave of a target, within these
+    /// bounds, in a noise of each observable.
+    fn imitated(
+        &self,
+        sets: &[Vec<Effect>],
+        parameters: &[Parameter],
+        target: &[Vec<f64>],
+        noise: &[f64],
+    ) -> Result<f64> {
         let all: Vec<usize> = (0..self.effects.len()).collect();
         let (off, base) = self.without(&all);
-        let others = self.bench.effects().into_iter().filter(|other| !self.effects.contains(other));
-        let left = others.map(|other| {
-            let mut start = off.clone();
-            other.parameters.iter().for_each(|&j| start[j] = self.parameters[j].quantile(0.5));
-            let free = [base.as_slice(), &other.parameters].concat();
-            Ok(fit(self.bench, &self.parameters, (&start, &free), target, noise)?.rms)
+        let left = sets.iter().map(|set| {
+            let (mut start, mut free) = (off.clone(), base.clone());
+            for &j in set.iter().flat_map(|effect| &effect.parameters) {
+                start[j] = self.parameters[j].quantile(0.5);
+                free.push(j);
+            }
+            Ok(fit(self.bench, parameters, (&start, &free), target, noise)?.rms)
         });
         left.collect::<Result<Vec<_>>>().map(|left| left.into_iter().fold(f64::INFINITY, f64::min))
     }
+}
+
+/// Parameters with bounds as far out as the box of a diagnosis goes, on every side.
+fn beyond(parameters: &[Parameter]) -> Result<Vec<Parameter>> {
+    let pulls: Vec<Pull> = parameters
+        .iter()
+        .flat_map(|own| [-2.0, 2.0].map(|side| Pull { parameter: own.name.clone(), side }))
+        .collect();
+    let prior = Prior::new(parameters.to_vec());
+    let mut wider = prior.clone();
+    for _ in 0..TIMES_BEYOND {
+        wider = widen(&prior, &wider, &pulls, Limit::Beyond)?.unwrap_or(wider);
+    }
+    Ok(wider.parameters().to_vec())
 }
 
 /// Mean square of (measured − curve) / range of the noisy measurement.

@@ -25,6 +25,9 @@ pub struct Scored {
     pub visibility: f64,
     /// What the base parameters and any one candidate cannot absorb of what is no candidate, in noise.
     pub imitated: f64,
+    /// What nothing that the diagnosis considers can absorb of it: the base parameters and any two candidates, as far
+    /// beyond the prior as its box goes.
+    pub considered: f64,
     /// Whether there is something in it that is no effect of the world's: a remainder.
     pub has_rest: bool,
     /// Whether a base parameter lies outside the prior that was told.
@@ -122,6 +125,7 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             is_widened: text(&verdicts, "widened")? == "yes",
             visibility: number(&answers, "visibility")?,
             imitated: number(&answers, "imitated")?,
+            considered: number(&answers, "considered")?,
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,

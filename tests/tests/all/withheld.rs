@@ -60,6 +60,12 @@ fn of_one_observable_an_adhesion_imitates_an_offset_and_nothing_a_plasticity() {
         let number = |i: usize, name: &str| only.number(i, column(name)).unwrap();
         own.map(|i| number(i, "imitated") / number(i, "visibility")).collect()
     };
+    // Two of them, as far beyond the prior as a diagnosis goes, leave no more, and mostly less.
+    let least = |name: &str| only.numbers(name).unwrap();
+    let shares: Vec<f64> =
+        least("considered").iter().zip(least("imitated")).map(|(two, one)| two / one).collect();
+    assert!(shares.iter().all(|share| *share <= 1.0), "{shares:?}");
+    assert!(shares.iter().any(|share| *share < 0.9), "{shares:?}");
     let (offset, plasticity) = (left("offset"), left("plasticity"));
     assert!(!offset.is_empty() && offset.iter().all(|left| *left < 0.5), "{offset:?}");
     assert!(

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use crate::attribute::attribution::closure::closes;
 use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
-use crate::attribute::evidence::adequacy::{INADEQUATE, predictive_probability};
+use crate::attribute::evidence::adequacy::{FITS, INADEQUATE, predictive_probability};
 use crate::attribute::evidence::mode::{Mode, find};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
@@ -132,6 +132,11 @@ impl Explanation {
         self.has_rest || self.has_more_noise
     }
 
+    /// Whether it fits with the noise that was stated.
+    pub fn fits_well(&self) -> bool {
+        !self.has_more_noise && self.fits.is_some_and(|fits| fits > FITS)
+    }
+
     /// Whether it names effects as the cause.
     pub fn is_cause(&self) -> bool {
         !self.hypothesis.is_empty()
@@ -206,9 +211,9 @@ const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
 /// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
-/// themselves: beside a rest half as large as what the effects do, or larger, it is as likely that all of it is something
-/// unknown, which they imitate. What nothing smooth imitates is ahead of that by tens, and hardly notices.
-const LEAVES_MUCH: [(f64, f64); 2] = [(0.65, 8.0), (0.8, 0.0)];
+/// themselves: the more they leave to a rest, the likelier it is that all of it is something unknown, which they imitate. What
+/// nothing smooth imitates is ahead of that by tens, and hardly notices.
+const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (1.0, 0.0)];
 
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
@@ -419,8 +424,10 @@ fn rule_out(explanations: &mut [Explanation]) {
         }
     }
     let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
+    // Where the base model fits there is nothing to close, and an effect may be in and not show.
+    let is_gap = !explanations.iter().any(|of| of.is_base() && of.fits_well());
     for of in explanations.iter_mut() {
-        let kept = of.kept_alone();
+        let kept = if is_gap { of.kept_alone() } else { 1.0 };
         if kept == 0.0 {
             of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
         }
@@ -476,11 +483,15 @@ mod tests {
         let (wave, more) = (of("wave"), of("wave+unexplained"));
         let odds = (more.evidence.ln - wave.evidence.ln).exp();
         assert_eq!(explanations[0].name, "wave");
-        assert!((more.probability / wave.probability / odds - 1.0).abs() < 1e-6, "{explanations:?}");
+        let lost = more.lost();
+        assert!(
+            (more.probability / wave.probability / odds / (-lost).exp() - 1.0).abs() < 1e-6,
+            "{explanations:?}"
+        );
         // Alone it is likelier than nothing.
         let (none, unknown) = (of("none"), of("unexplained"));
         let ln_odds = |of: &Explanation| of.ln_weight - of.evidence.ln;
-        assert!((ln_odds(unknown) - ln_odds(none) - 3f64.ln()).abs() < 1e-9, "{explanations:?}");
+        assert!((ln_odds(unknown) - ln_odds(none) - 5f64.ln()).abs() < 1e-9, "{explanations:?}");
     }
 
     #[test]
@@ -520,10 +531,12 @@ mod tests {
             all[1].probability
         };
         let kept = |closes: f64| along(&CLOSES, closes);
-        assert!((probability(5.0, 0.95) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Eight nats at 0.65 and below: five are too few, and thirty are enough.
-        assert!((probability(8.0, 0.65) - 0.5 * kept(0.65)).abs() < 1e-12);
-        assert!(probability(5.0, 0.6) < 0.05);
+        assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
+        // Six nats at a half and below, three at three quarters: four are too few there, and thirty are enough.
+        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.75)] {
+            assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
+        }
+        assert!(probability(4.0, 0.5) < 0.1);
         assert!((probability(30.0, 0.5) - kept(0.5)).abs() < 1e-6);
     }
 
@@ -547,9 +560,28 @@ mod tests {
         for (closes, is_vague) in [(0.95, false), (0.1, true)] {
             assert!((probability("wave", closes, is_vague) - 0.9).abs() < 1e-12);
         }
-        assert!(probability("wave+unexplained", 0.6, false) < 0.01);
+        assert!(probability("wave+unexplained", 0.5, false) < 0.02);
         let kept = along(&CLOSES, 0.6);
         assert!((probability("wave+unexplained", 0.6, true) - 0.9 * kept).abs() < 1e-12);
+    }
+
+    #[test]
+    fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
+        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
+        let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
+        let probability = |fits: f64, has_more_noise: bool| {
+            let mut all = [of("none"), of("wave"), of("unexplained")];
+            for (of, probability) in all.iter_mut().zip([0.6, 0.3, 0.1]) {
+                (of.probability, of.fits, of.closes, of.is_vague) = (probability, None, 0.0, false);
+                of.has_more_noise = has_more_noise;
+            }
+            all[0].fits = Some(fits);
+            rule_out(&mut all);
+            all[1].probability
+        };
+        assert!((probability(0.5, false) - 0.3).abs() < 1e-12);
+        // The base model fits badly, or with more noise than was stated alone.
+        assert_eq!([probability(0.02, false), probability(0.5, true)], [0.0, 0.0]);
     }
 
     #[test]

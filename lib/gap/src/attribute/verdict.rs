@@ -11,6 +11,7 @@ use crate::attribute::attribution::told::{Told, told};
 use crate::attribute::attribution::untried::{KNOWN, ignorance};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
+use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{is_part, name};
 use crate::attribute::problem::path::short;
@@ -32,10 +33,6 @@ const IGNORANT: f64 = 0.5;
 
 /// Above this correlation from one reading to the next the noise is said to be correlated.
 const CORRELATED: f64 = 0.35;
-
-/// The base model fits if its predictive probability is above this: then there is no gap that a cause would
-/// have to explain.
-const FITS: f64 = 0.05;
 
 fn percent(share: f64) -> f64 {
     (100.0 * share).round()

@@ -11,6 +11,9 @@ use gl_numeric::quadratic::exceedance;
 /// Below this predictive probability a hypothesis does not fit.
 pub const INADEQUATE: f64 = 0.01;
 
+/// The base model fits if its predictive probability is above this: then there is no gap that a cause would have to explain.
+pub const FITS: f64 = 0.05;
+
 /// Probability, under a hypothesis, of a measurement at least as odd as the one made.
 ///
 /// About its mode the model is straight, so that the measurement is normal with covariance

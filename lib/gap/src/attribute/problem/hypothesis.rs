@@ -60,7 +60,7 @@ pub fn name(hypothesis: &[usize], candidates: &[Candidate]) -> String {
 /// Odds beforehand that something is at work which is no candidate, and nothing else, against `none`. What is really
 /// at work is rarely as jagged, and never as large, as all that a rest may be, so that a rest alone comes off worse than
 /// it should.
-const UNKNOWN: f64 = 3.0;
+const UNKNOWN: f64 = 5.0;
 
 /// One candidate more is in with odds of one to this many times the number of candidates: two at a time imitate what is
 /// none of them.
@@ -109,7 +109,7 @@ mod tests {
             assert!([false, true].iter().all(|&has_rest| (odds_of(1, has_rest) - 2.0).abs() < 1e-12));
             assert!(odds_of(2, false) < odds_of(1, false) / 4.0, "{count}");
             assert!((odds_of(2, true) - odds_of(2, false) / 4.0).abs() < 1e-12, "{count}");
-            assert!((odds_of(0, true) - 3.0).abs() < 1e-12);
+            assert!((odds_of(0, true) - UNKNOWN).abs() < 1e-12);
         }
     }
 }
