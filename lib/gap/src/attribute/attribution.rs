@@ -215,6 +215,9 @@ const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 /// nothing smooth imitates is ahead of that by tens, and hardly notices.
 const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (1.0, 0.0)];
 
+/// What is kept of the probability of something unknown where the base model fits, and there is no sign of it.
+const WITHOUT_A_SIGN: f64 = 0.4;
+
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
     let rises = points.windows(2).map(|ends| {
@@ -426,6 +429,9 @@ fn rule_out(explanations: &mut [Explanation]) {
     let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
     // Where the base model fits there is nothing to close, and an effect may be in and not show.
     let is_gap = !explanations.iter().any(|of| of.is_base() && of.fits_well());
+    if !is_gap {
+        explanations[unexplained].probability *= WITHOUT_A_SIGN;
+    }
     for of in explanations.iter_mut() {
         let kept = if is_gap { of.kept_alone() } else { 1.0 };
         if kept == 0.0 {
@@ -569,19 +575,23 @@ mod tests {
     fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
         let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
         let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
-        let probability = |fits: f64, has_more_noise: bool| {
+        let probabilities = |fits: f64, has_more_noise: bool| {
             let mut all = [of("none"), of("wave"), of("unexplained")];
-            for (of, probability) in all.iter_mut().zip([0.6, 0.3, 0.1]) {
+            for (of, probability) in all.iter_mut().zip([0.5, 0.3, 0.2]) {
                 (of.probability, of.fits, of.closes, of.is_vague) = (probability, None, 0.0, false);
                 of.has_more_noise = has_more_noise;
             }
             all[0].fits = Some(fits);
             rule_out(&mut all);
-            all[1].probability
+            all.map(|of| of.probability)
         };
-        assert!((probability(0.5, false) - 0.3).abs() < 1e-12);
+        // Nor is there a sign of something unknown.
+        let expected = [0.5, 0.3, 0.08].map(|weight| weight / 0.88);
+        assert!(probabilities(0.5, false).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
         // The base model fits badly, or with more noise than was stated alone.
-        assert_eq!([probability(0.02, false), probability(0.5, true)], [0.0, 0.0]);
+        let [none, wave, unexplained] = probabilities(0.02, false);
+        assert!(wave == 0.0 && (unexplained / none - 0.4).abs() < 1e-12);
+        assert_eq!(probabilities(0.5, true)[1], 0.0);
     }
 
     #[test]
