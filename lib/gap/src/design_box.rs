@@ -79,7 +79,7 @@ pub fn read_leans(path: &Path) -> Result<Vec<Pull>> {
 }
 
 /// The size of a side to which the measurement pulls a parameter beyond its bound.
-const PULLED: f64 = 2.0;
+pub const PULLED: f64 = 2.0;
 
 /// How far a box may grow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

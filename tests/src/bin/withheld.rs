@@ -9,7 +9,7 @@ use gl_table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
-use pipelines::withheld::generate::Which;
+use pipelines::withheld::generate::{SEEN_WITHOUT, Which};
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
     reliability, shrink_coverage,
@@ -105,15 +105,11 @@ const GROUPS: [Group; 13] = [
     ("two, both >= 1", |case| case.truth.contains('+') && case.least >= 1.0),
     ("two, both 0.5 to 1", |case| case.truth.contains('+') && (0.5..1.0).contains(&case.least)),
     ("two, one below 0.5", |case| case.truth.contains('+') && case.least < 0.5),
-    ("no candidate, >= 2", |case| case.withheld && case.visibility >= 2.0),
-    ("no candidate, >= 2, beside any other >= 1", |case| {
-        case.withheld && case.visibility >= 2.0 && case.imitated >= 1.0
-    }),
-    ("no candidate, >= 2, imitated by another", |case| {
-        case.withheld && case.visibility >= 2.0 && case.imitated < 1.0
-    }),
+    ("no candidate, >= 2", is_seen_without),
+    ("no candidate, >= 2, beside any other >= 1", |case| is_seen_without(case) && case.imitated >= 1.0),
+    ("no candidate, >= 2, imitated by another", |case| is_seen_without(case) && case.imitated < 1.0),
     ("no candidate, >= 2, beside two others and beyond the prior >= 1", |case| {
-        case.withheld && case.visibility >= 2.0 && case.considered >= 1.0
+        is_seen_without(case) && case.considered >= 1.0
     }),
     ("no candidate, 1 to 2", |case| case.withheld && (1.0..2.0).contains(&case.visibility)),
     ("no candidate, below 1", |case| case.withheld && case.visibility < 1.0),
@@ -121,6 +117,10 @@ const GROUPS: [Group; 13] = [
 
 fn is_one(case: &Scored) -> bool {
     !case.withheld && case.truth != "none" && !case.truth.contains('+')
+}
+
+fn is_seen_without(case: &Scored) -> bool {
+    case.withheld && case.visibility >= SEEN_WITHOUT
 }
 
 fn score(cases: &[Scored]) -> Result<()> {
@@ -155,9 +155,7 @@ fn score(cases: &[Scored]) -> Result<()> {
     names.dedup();
     for name in names {
         row(&format!("{name}, >= 1"), &|c| is_one(c) && c.truth == name && c.visibility >= 1.0)?;
-        row(&format!("{name} no candidate, >= 2"), &|c| {
-            c.withheld && c.truth == name && c.visibility >= 2.0
-        })?;
+        row(&format!("{name} no candidate, >= 2"), &|c| is_seen_without(c) && c.truth == name)?;
     }
     let mut count = |name: &str, share: Share| -> Result<()> {
         table.text(name).number(share.all as f64).number(share.of as f64);

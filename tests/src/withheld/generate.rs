@@ -6,7 +6,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use gl_gap::attribute::problem::hypothesis::hypotheses;
 use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
-use gl_gap::design_box::{Limit, Pull, widen};
+use gl_gap::attribute::rounds::{WIDEST, Wider};
+use gl_gap::design_box::{Limit, PULLED, Pull, widen};
 use gl_inference::observations::range;
 use gl_inference::prior::{Effect, Parameter, Prior};
 use gl_table::TableWriter;
@@ -32,10 +33,7 @@ const OF_THE_CONTROL: (f64, f64) = (0.005, 0.05);
 const MARGIN: f64 = 0.1;
 
 /// Visibility from which on an effect that is no candidate can be seen.
-const SEEN_WITHOUT: f64 = 2.0;
-
-/// A diagnosis goes so often beyond the prior.
-const TIMES_BEYOND: usize = 2;
+pub const SEEN_WITHOUT: f64 = 2.0;
 
 /// Effects of the measurement that are candidates where any are.
 pub const KINDS: [(&str, Kind); 5] = [
@@ -448,11 +446,11 @@ impl<'a> Truth<'a> {
 fn beyond(parameters: &[Parameter]) -> Result<Vec<Parameter>> {
     let pulls: Vec<Pull> = parameters
         .iter()
-        .flat_map(|own| [-2.0, 2.0].map(|side| Pull { parameter: own.name.clone(), side }))
+        .flat_map(|own| [-PULLED, PULLED].map(|side| Pull { parameter: own.name.clone(), side }))
         .collect();
     let prior = Prior::new(parameters.to_vec());
     let mut wider = prior.clone();
-    for _ in 0..TIMES_BEYOND {
+    for _ in 0..WIDEST[Wider::Beyond as usize] {
         wider = widen(&prior, &wider, &pulls, Limit::Beyond)?.unwrap_or(wider);
     }
     Ok(wider.parameters().to_vec())

@@ -482,6 +482,15 @@ mod tests {
         attribute(&problem, 1, 1).unwrap().explanations
     }
 
+    /// Hypotheses by name as likely as that, of which nothing else is known yet.
+    fn as_likely<const N: usize>(likely: [(&str, f64); N]) -> [Explanation; N] {
+        let all = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
+        likely.map(|(name, probability)| {
+            let of = all.iter().find(|of| of.name == name).unwrap().clone();
+            Explanation { probability, fits: None, closes: 0.0, is_vague: false, ..of }
+        })
+    }
+
     #[test]
     fn a_rest_is_as_likely_beside_an_effect_as_not_and_likelier_than_nothing() {
         let explanations = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
@@ -522,15 +531,11 @@ mod tests {
 
     #[test]
     fn what_leaves_half_as_much_as_it_does_must_be_far_ahead_of_something_unknown() {
-        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
-        let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
         // Ahead of something unknown by so much, and closing so much.
         let probability = |ahead: f64, closes: f64| {
-            let mut all = [of("none"), of("wave+unexplained"), of("unexplained")];
-            let whole = 1.0 + (-ahead).exp();
-            for (of, weight) in all.iter_mut().zip([0.0, 1.0, (-ahead).exp()]) {
-                (of.probability, of.fits, of.closes) = (weight / whole, None, 0.0);
-            }
+            let effect = 1.0 / (1.0 + (-ahead).exp());
+            let mut all =
+                as_likely([("none", 0.0), ("wave+unexplained", effect), ("unexplained", 1.0 - effect)]);
             all[1].closes = closes;
             rule_out(&mut all);
             assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
@@ -548,14 +553,9 @@ mod tests {
 
     #[test]
     fn what_leaves_the_gap_as_it_is_is_no_cause_unless_the_emulator_does_not_know_it() {
-        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
-        let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
         // Nine times as likely as the base model, without a rest or beside one.
         let probability = |name: &str, closes: f64, is_vague: bool| {
-            let mut all = [of("none"), of(name), of("unexplained")];
-            for (of, probability) in all.iter_mut().zip([0.1, 0.9, 0.0]) {
-                (of.probability, of.fits, of.closes, of.is_vague) = (probability, None, 0.0, false);
-            }
+            let mut all = as_likely([("none", 0.1), (name, 0.9), ("unexplained", 0.0)]);
             (all[1].closes, all[1].is_vague) = (closes, is_vague);
             rule_out(&mut all);
             assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
@@ -573,14 +573,9 @@ mod tests {
 
     #[test]
     fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
-        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
-        let of = |name: &str| any.iter().find(|of| of.name == name).unwrap().clone();
         let probabilities = |fits: f64, has_more_noise: bool| {
-            let mut all = [of("none"), of("wave"), of("unexplained")];
-            for (of, probability) in all.iter_mut().zip([0.5, 0.3, 0.2]) {
-                (of.probability, of.fits, of.closes, of.is_vague) = (probability, None, 0.0, false);
-                of.has_more_noise = has_more_noise;
-            }
+            let mut all = as_likely([("none", 0.5), ("wave", 0.3), ("unexplained", 0.2)]);
+            all.iter_mut().for_each(|of| of.has_more_noise = has_more_noise);
             all[0].fits = Some(fits);
             rule_out(&mut all);
             all.map(|of| of.probability)

@@ -26,7 +26,7 @@ const FURTHER: usize = 2;
 
 /// The box is made wider so often at the most: within the prior, and beyond it. Twice its own width make a quarter of the
 /// prior's all of it; not every parameter leans on the box at once.
-const WIDEST: [usize; 2] = [3, 2];
+pub const WIDEST: [usize; 2] = [3, 2];
 
 impl Rounds {
     /// Runs of the first round, all over the box: two fifths.
