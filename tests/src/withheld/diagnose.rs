@@ -237,7 +237,8 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
         table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
         let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));
-        table.text(nearest).text(&diagnosis.rows[0].confounded.join(","));
+        let confounded: Vec<&str> = diagnosis.rows[0].confounded.iter().map(|name| cause(name)).collect();
+        table.text(nearest).text(&confounded.join(","));
         let closes = closes.unwrap_or(Foretold { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         let effects: Vec<String> =

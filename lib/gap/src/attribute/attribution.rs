@@ -132,6 +132,11 @@ impl Explanation {
         self.has_rest || self.has_more_noise
     }
 
+    /// Whether its effects close half of the gap or more: what closes less is a part of what is behind it, and not the cause.
+    pub fn closes_most(&self) -> bool {
+        self.closes >= 0.5
+    }
+
     /// Whether it fits with the noise that was stated.
     pub fn fits_well(&self) -> bool {
         !self.has_more_noise && self.fits.is_some_and(|fits| fits > FITS)

@@ -13,7 +13,7 @@ use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAI
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::hypothesis::{is_part, name};
+use crate::attribute::problem::hypothesis::{Candidate, is_part, name};
 use crate::attribute::problem::path::short;
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
@@ -21,9 +21,6 @@ use gl_table::verdict::Verdicts;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.8;
-
-/// An effect that closes less of the gap than this is a part of what is behind it, and not the cause.
-const MOST: f64 = 0.5;
 
 /// Shares of the gap that differ by more are two, and their units are said.
 const ANOTHER: f64 = 0.05;
@@ -95,12 +92,13 @@ pub fn verdict(
 }
 
 /// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
-/// first, if it closes most of it; and what the emulator does not know there.
+/// first, and what the emulator does not know there; of those that close most of it, or with which the measurement is as likely.
 fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
     let explanations = &diagnosis.attribution.explanations;
+    let unknown = diagnosis.first().evidence.ln;
     let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of.ignorance));
-    let most = untried.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes));
-    most.filter(|(of, _)| of.closes >= MOST)
+    let open = untried.filter(|(of, _)| of.closes_most() || of.evidence.ln >= unknown);
+    open.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes))
 }
 
 /// Effects that nothing can be said of yet, though something unknown comes first.
@@ -198,6 +196,13 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
         ));
         return;
     }
+    let as_likely = diagnosis.rows[0].confounded.first();
+    let as_likely =
+        as_likely.and_then(|name| diagnosis.attribution.explanations.iter().find(|of| of.name == *name));
+    if let Some(of) = as_likely {
+        add_as_likely(verdicts, problem, diagnosis, of);
+        return;
+    }
     let text = match diagnosis.attribution.nearest() {
         None => format!("something else than the base model is at work, probability {first:.2}"),
         Some(of) => {
@@ -219,6 +224,31 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     } else {
         verdicts.add("unsettled", UNEXPLAINED, text);
     }
+}
+
+/// That something unknown comes first, though the measurement is as likely with an effect.
+fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, of: &Explanation) {
+    let first = diagnosis.stated();
+    let effect = name(&of.hypothesis, &problem.candidates);
+    let beside = if of.has_rest { " beside something smaller" } else { "" };
+    verdicts.add("unsettled", UNEXPLAINED, format!(
+        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is as likely, and {effect} closes {} % of the gap",
+        percent(of.closes)
+    ));
+    let base = problem.prior.base().len();
+    let sizes: Vec<String> = marginals(problem, of)
+        .into_iter()
+        .skip(base)
+        .map(|Marginal { name, mean, sd, .. }| format!("{name} = {} ± {}", short(mean), short(sd)))
+        .collect();
+    let sizes = sizes.join(", ");
+    let told = match of.hypothesis.first().map(|&candidate| &problem.candidates[candidate]) {
+        Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} of the range has to show"),
+        _ => format!("a test under other conditions would, where {effect} has to show with {sizes}"),
+    };
+    let names = diagnosis.rows[0].confounded.join(",");
+    let text = format!("this measurement cannot tell {effect} from something unknown; {told}");
+    verdicts.add("confounded", names, text);
 }
 
 /// That effects come first, of which too little is known to call them the cause.
@@ -248,7 +278,7 @@ fn add_effects(
     let is_fit = base.fits.is_some_and(|fits| fits > FITS)
         && !needs_more_noise(problem, base, first)
         && ignorance(problem, base) <= KNOWN;
-    let is_part = first.has_rest && first.closes < MOST;
+    let is_part = first.has_rest && !first.closes_most();
     let code = match (is_settled && !is_fit, first.has_rest) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
@@ -561,6 +591,57 @@ mod tests {
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
         let said = said_of_something_unknown(0.6, 1e-8);
         assert!(said.contains("seems to be at work, probability 0.60, or wave, probability"), "{said}");
+    }
+
+    #[test]
+    fn an_effect_that_is_not_known_may_close_the_gap_if_it_closes_most_or_is_as_likely() {
+        let (predictor, prior) = (Straight::unsure(2.5e-3), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
+        let unknown = diagnosis.first().evidence.ln;
+        let place = diagnosis.untried[0].place;
+        let mut may_close_by = |closes: f64, ahead: f64| {
+            let of = &mut diagnosis.attribution.explanations[place];
+            (of.closes, of.evidence.ln) = (closes, unknown + ahead);
+            may_close(&diagnosis).is_some()
+        };
+        assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));
+    }
+
+    #[test]
+    fn something_unknown_is_not_settled_beside_an_effect_with_which_the_measurement_is_as_likely() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.attribution.explanations[0].probability = 0.99;
+        diagnosis.rows[0].confounded = vec!["wave+unexplained".to_owned(), "offset(y)".to_owned()];
+        let mut verdicts = Verdicts::default();
+        add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        let [answer, confounded] = &verdicts.rows[..] else { panic!("{:?}", verdicts.rows) };
+        assert_eq!((answer.code.as_str(), answer.value.as_str()), ("unsettled", "unexplained"));
+        assert!(
+            answer.text.contains("with wave beside something smaller the measurement is as likely"),
+            "{}",
+            answer.text
+        );
+        assert_eq!(
+            (confounded.code.as_str(), confounded.value.as_str()),
+            ("confounded", "wave+unexplained,offset(y)")
+        );
+        assert!(confounded.text.contains("where wave has to show with c = "), "{}", confounded.text);
+        diagnosis.rows[0].confounded.remove(0);
+        let mut verdicts = Verdicts::default();
+        add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        assert!(
+            verdicts.rows[1].text.contains("a check of the rig would: offset(y) = "),
+            "{:?}",
+            verdicts.rows
+        );
     }
 
     /// The code and the value of the answer where this hypothesis comes first with this probability, and a bound is leaned

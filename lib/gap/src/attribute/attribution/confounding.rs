@@ -1,9 +1,11 @@
 //! Which hypotheses the measurement cannot tell apart, and where a further one could.
 
+use std::collections::HashSet;
+
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::is_part;
@@ -41,7 +43,7 @@ pub(super) struct Curve {
 /// measurement cannot absorb. T imitates it when T's fitted curve, moved as far as its own parameters
 /// allow, comes nearly as close: |c_S − c_T|² = (1 − cos²) |c_S − c_none|², all in the metric of the
 /// measurement's precision. Hypotheses with more effects, parts of S, and what is out of the question are not
-/// listed.
+/// listed. Something unknown that comes first has no curve of its own: see [`as_likely`].
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
@@ -54,6 +56,9 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
         .collect();
     let near = |s: usize| -> Result<Vec<usize>> {
         let explanation = &explanations[s];
+        if s == 0 && explanation.is_unknown() {
+            return Ok(as_likely(explanations, explanation));
+        }
         let (Some(own), Some(of_base)) = (&curves[s], &curves[base]) else { return Ok(Vec::new()) };
         if explanation.hypothesis.is_empty() || !is_alive(s) {
             return Ok(Vec::new());
@@ -81,6 +86,25 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
         Ok(near.into_iter().take(MOST).map(|(_, t)| t).collect())
     };
     (0..explanations.len()).map(near).collect()
+}
+
+/// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is as likely
+/// as with something unknown alone, likeliest first: only what was believed beforehand tells them apart.
+fn as_likely(explanations: &[Explanation], unknown: &Explanation) -> Vec<usize> {
+    let is_as_likely = |of: &Explanation| {
+        of.hypothesis.len() == 1
+            && !matches!(of.ruled_out, Some(RuledOut::Misfit | RuledOut::Invisible))
+            && of.closes_most()
+            && of.evidence.ln >= unknown.evidence.ln
+    };
+    let mut places: Vec<usize> =
+        (0..explanations.len()).filter(|&place| is_as_likely(&explanations[place])).collect();
+    places.sort_by(|&a, &b| explanations[b].evidence.ln.total_cmp(&explanations[a].evidence.ln));
+    // With a rest and without is one effect.
+    let mut seen = HashSet::new();
+    places.retain(|&place| seen.insert(explanations[place].hypothesis[0]));
+    places.truncate(MOST);
+    places
 }
 
 pub(super) fn curve(problem: &Problem<'_>, explanation: &Explanation) -> Curve {
@@ -150,4 +174,38 @@ pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation)
         steps: steps.clone(),
         height: inside.iter().map(|d| d.abs()).fold(0.0, f64::max),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribute::attribution::attribute;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn something_unknown_that_comes_first_is_confounded_with_an_effect_as_likely_that_closes_most() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        explanations.sort_by_key(|of| !of.is_unknown());
+        let place = explanations.iter().position(|of| of.name == "wave+unexplained").unwrap();
+        let confounded_by = |ahead: f64, closes: f64, alone: f64, ruled_out: Option<RuledOut>| {
+            let mut all = explanations.clone();
+            let unknown = all[0].evidence.ln;
+            all.iter_mut().skip(1).for_each(|of| of.evidence.ln = unknown - 50.0);
+            for (of, ahead) in [("wave", alone), ("wave+unexplained", ahead)] {
+                let of = all.iter_mut().find(|other| other.name == of).unwrap();
+                (of.evidence.ln, of.closes, of.ruled_out) = (unknown + ahead, closes, ruled_out);
+            }
+            confounded(&problem, &all).unwrap().remove(0)
+        };
+        assert_eq!(confounded_by(0.5, 0.6, -9.0, None), [place]);
+        // Of the effect with a rest and without the one that is likelier.
+        let alone = explanations.iter().position(|of| of.name == "wave").unwrap();
+        assert_eq!(confounded_by(0.5, 0.6, 1.0, None), [alone]);
+        assert!(confounded_by(-0.5, 0.6, -9.0, None).is_empty());
+        assert!(confounded_by(0.5, 0.4, -9.0, None).is_empty());
+        assert!(confounded_by(0.5, 0.6, -9.0, Some(RuledOut::Misfit)).is_empty());
+    }
 }
