@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, RuledOut};
+use crate::attribute::evidence::mode::Mode;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{is_part, ln_prior_odds};
 use gl_inference::prior::{normal_cdf, normal_quantile};
@@ -47,7 +48,11 @@ pub fn next_runs(
     let mut runs = Vec::with_capacity(count);
     for (place, share) in shares(problem, explanations, untried, count).into_iter().enumerate() {
         if share > 0 {
-            runs.extend(draw(problem, &explanations[place], share, seed + place as u64)?);
+            let of = &explanations[place];
+            let untried = untried.iter().find(|untried| untried.place == place);
+            let elsewhere = untried.and_then(|untried| untried.elsewhere.as_ref());
+            let where_at = elsewhere.map_or_else(|| posterior(problem, of), |mode| about(problem, of, mode));
+            runs.extend(draw(problem, of, where_at, share, seed + place as u64)?);
         }
     }
     Ok(runs)
@@ -117,14 +122,35 @@ fn shares(
         .collect()
 }
 
-/// Draw runs from the widened posterior of one explanation.
-fn draw(problem: &Problem<'_>, of: &Explanation, count: usize, seed: u64) -> Result<Vec<Vec<f64>>> {
+/// Mean and covariance of normal scores.
+type Normal = (DVector<f64>, DMatrix<f64>);
+
+/// The posterior of the simulation's parameters under an explanation.
+fn posterior(problem: &Problem<'_>, of: &Explanation) -> Normal {
+    let dimensions = of.model(problem).simulated_parameters().len();
+    let scores: Vec<DVector<f64>> =
+        of.evidence.samples.iter().map(|w| DVector::from_column_slice(&w[..dimensions])).collect();
+    moments(&scores, &of.evidence.weights)
+}
+
+/// The same about a mode.
+fn about(problem: &Problem<'_>, of: &Explanation, mode: &Mode) -> Normal {
+    let dimensions = of.model(problem).simulated_parameters().len();
+    let covariance = mode.covariance.view((0, 0), (dimensions, dimensions)).into_owned();
+    (mode.w.rows(0, dimensions).into_owned(), covariance)
+}
+
+/// Draw runs of one explanation from a normal distribution, widened.
+fn draw(
+    problem: &Problem<'_>,
+    of: &Explanation,
+    (mean, covariance): Normal,
+    count: usize,
+    seed: u64,
+) -> Result<Vec<Vec<f64>>> {
     let model = of.model(problem);
     let free = model.simulated_parameters();
     let dimensions = free.len();
-    let scores: Vec<DVector<f64>> =
-        of.evidence.samples.iter().map(|w| DVector::from_column_slice(&w[..dimensions])).collect();
-    let (mean, covariance) = moments(&scores, &of.evidence.weights);
     let wider = covariance * (WIDER * WIDER) + DMatrix::identity(dimensions, dimensions) * 1e-8;
     let factor = Cholesky::new(wider).context("a posterior without a covariance")?.unpack();
     let run = |point: &Vec<f64>| {
@@ -171,7 +197,7 @@ mod tests {
             let problem = predictor.problem(&prior, &observations).believing(&believed);
             let explanations = attribute(&problem, 1, 1).unwrap().explanations;
             let of = explanations.iter().find(|of| of.name == "wave").unwrap();
-            let runs = draw(&problem, of, 40, 1).unwrap();
+            let runs = draw(&problem, of, posterior(&problem, of), 40, 1).unwrap();
             let mean = runs.iter().map(|run| run[0]).sum::<f64>() / 40.0;
             assert!((mean - 1.3).abs() < 0.03, "{mean}");
         }

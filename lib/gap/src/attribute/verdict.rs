@@ -8,7 +8,7 @@ use crate::attribute::attribution::lean::Lean;
 use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::rest::{GoesWith, goes_with};
 use crate::attribute::attribution::told::{Told, told};
-use crate::attribute::attribution::untried::{KNOWN, ignorance};
+use crate::attribute::attribution::untried::{KNOWN, MOST, Untried, ignorance};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::evidence::adequacy::FITS;
@@ -21,6 +21,9 @@ use gl_table::verdict::Verdicts;
 
 /// Below this probability a hypothesis is not settled.
 const SETTLED: f64 = 0.8;
+
+/// An effect that closes less of the gap than this is not worth naming where something unknown comes first.
+const LITTLE: f64 = 0.05;
 
 /// Shares of the gap that differ by more are two, and their units are said.
 const ANOTHER: f64 = 0.05;
@@ -92,13 +95,13 @@ pub fn verdict(
 }
 
 /// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
-/// first, and what the emulator does not know there; of those that close most of it, or with which the measurement is as likely.
-fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, f64)> {
+/// first, and what is not known of it; of those that close most of it, or with which the measurement is as likely.
+fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, &Untried)> {
     let explanations = &diagnosis.attribution.explanations;
     let unknown = diagnosis.first().evidence.ln;
-    let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of.ignorance));
-    let open = untried.filter(|(of, _)| of.closes_most() || of.evidence.ln >= unknown);
-    open.max_by(|a, b| a.0.closes.total_cmp(&b.0.closes))
+    let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of));
+    let open = untried.filter(|(of, untried)| untried.closes >= MOST || of.evidence.ln >= unknown);
+    open.max_by(|a, b| a.1.closes.total_cmp(&b.1.closes))
 }
 
 /// Effects that nothing can be said of yet, though something unknown comes first.
@@ -189,10 +192,10 @@ fn add_none(verdicts: &mut Verdicts, probability: f64, is_settled: bool) {
 /// That something unknown comes first, and which effects come nearest.
 fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
     let first = diagnosis.stated();
-    if let Some((of, unknown)) = may_close(diagnosis) {
+    if let Some((of, Untried { ignorance, closes, .. })) = may_close(diagnosis) {
         verdicts.add("unsettled", UNEXPLAINED, format!(
-            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {unknown:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
-            name(&of.hypothesis, &problem.candidates), percent(of.closes)
+            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
+            name(&of.hypothesis, &problem.candidates), percent(*closes)
         ));
         return;
     }
@@ -205,16 +208,23 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     }
     let text = match diagnosis.attribution.nearest() {
         None => format!("something else than the base model is at work, probability {first:.2}"),
+        Some(of) if first < SETTLED => format!(
+            "something else seems to be at work, probability {first:.2}, or {}, probability {:.2}, which closes {} % of the gap",
+            name(&of.hypothesis, &problem.candidates),
+            diagnosis.attribution.probability_of(of),
+            percent(of.closes)
+        ),
         Some(of) => {
-            let (effects, closes) = (name(&of.hypothesis, &problem.candidates), percent(of.closes));
-            if first < SETTLED {
-                let probability = diagnosis.attribution.probability_of(of);
-                format!(
-                    "something else seems to be at work, probability {first:.2}, or {effects}, probability {probability:.2}, which closes {closes} % of the gap"
-                )
+            let none = format!(
+                "none of the candidates explains the measurement: something else is at work, probability {first:.2}"
+            );
+            if of.closes < LITTLE {
+                format!("{none}; the likeliest of them closes nothing of the gap")
             } else {
                 format!(
-                    "none of the candidates explains the measurement: something else is at work, probability {first:.2}; the nearest candidate is {effects}, which closes {closes} % of the gap and is no answer"
+                    "{none}; the nearest candidate is {}, which closes {} % of the gap and is no answer",
+                    name(&of.hypothesis, &problem.candidates),
+                    percent(of.closes)
                 )
             }
         }
@@ -604,8 +614,8 @@ mod tests {
         let unknown = diagnosis.first().evidence.ln;
         let place = diagnosis.untried[0].place;
         let mut may_close_by = |closes: f64, ahead: f64| {
-            let of = &mut diagnosis.attribution.explanations[place];
-            (of.closes, of.evidence.ln) = (closes, unknown + ahead);
+            diagnosis.untried[0].closes = closes;
+            diagnosis.attribution.explanations[place].evidence.ln = unknown + ahead;
             may_close(&diagnosis).is_some()
         };
         assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));

@@ -1,20 +1,31 @@
 //! Effects that an emulator knows too little of to say that they are not the cause.
 
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::attribute::attribution::closure::left;
 use crate::attribute::attribution::{Explanation, RuledOut};
+use crate::attribute::evidence::mode::{Mode, find};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
 
 /// An effect of the simulation, where it fits best.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Untried {
     /// Its explanation, with a rest or without, whichever is the better one.
     pub place: usize,
     /// What the emulator does not know there, in units of noise and scatter.
     pub ignorance: f64,
+    /// Share of the gap that it closes there.
+    pub closes: f64,
+    /// Where that is, if it is where the emulator's mean would fit best, and not where the explanation does.
+    pub elsewhere: Option<Mode>,
 }
 
-/// Share of the gap that a cause which is known does not leave.
-const MOST: f64 = 0.5;
+/// Share of the gap that a cause which is known closes, and does not leave.
+pub const MOST: f64 = 0.5;
 
 /// What an emulator may not know, in units of noise and scatter.
 pub const KNOWN: f64 = 1.0;
@@ -22,9 +33,14 @@ pub const KNOWN: f64 = 1.0;
 /// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
 const OF_WHAT_IS_LEFT: f64 = 0.25;
 
+/// So many times what the emulator does not know, with noise and scatter, may be left where its mean fits best.
+const WITHIN: f64 = 2.0;
+
 /// Single effects of which the emulator knows too little, where something unknown comes first, in the order of the
 /// explanations: none of the candidates explains a measurement only if all have been tried. A vague emulator makes
-/// a measurement improbable under the very effect that is in it, and what is improbable gets no runs.
+/// a measurement improbable under the very effect that is in it, and what is improbable gets no runs. Where it is vague the
+/// effect may even fit worse than elsewhere, as a weak one that closes little: so it is asked, too, where its mean would fit
+/// best, whatever it does not know.
 pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untried> {
     if !explanations.first().is_some_and(Explanation::is_unknown) {
         return Vec::new();
@@ -37,10 +53,31 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
         let twin = explanations.iter().find(|o| o.hypothesis == of.hypothesis && o.has_rest != of.has_rest);
         twin.is_none_or(|twin| (of.ln_weight, of.has_rest) > (twin.ln_weight, twin.has_rest))
     };
-    let is_visible = |of: &Explanation| of.ruled_out != Some(RuledOut::Invisible);
-    let is_untried = |of: &Explanation| of.is_vague && is_single(of) && is_visible(of) && is_better(of);
-    let all = explanations.iter().enumerate().filter(|(_, of)| is_untried(of));
-    all.map(|(place, of)| Untried { place, ignorance: ignorance(problem, of) }).collect()
+    let is_asked =
+        |of: &Explanation| is_single(of) && is_better(of) && of.ruled_out != Some(RuledOut::Invisible);
+    let nearest = |hypothesis: &[usize]| {
+        let mut model = Model::new(problem, hypothesis, false).sure();
+        let modes = find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1));
+        modes.into_iter().next()
+    };
+    let base = nearest(&[]);
+    let untried = |(place, of): (usize, &Explanation)| {
+        if of.is_vague {
+            let ignorance = ignorance(problem, of);
+            return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
+        }
+        let (base, mode) = (base.as_ref()?, nearest(&of.hypothesis).filter(|_| of.closes < MOST)?);
+        let model = of.model(problem).plain();
+        let at = |mode: &Mode, model: &Model<'_>| left_at(problem, of, model, mode.w.as_slice());
+        let (before, after) = (at(base, &Model::new(problem, &[], false)), at(&mode, &model));
+        let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
+        let closes = 1.0 - left(before, after, 1.0);
+        let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after) && after < WITHIN * ignorance.hypot(1.0);
+        (is_open && closes >= MOST).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
+    };
+    let asked: Vec<(usize, &Explanation)> =
+        explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
+    asked.into_par_iter().filter_map(untried).collect()
 }
 
 /// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
@@ -50,25 +87,30 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
 /// * `ignorance` — see [`ignorance`], of the same.
 pub fn unproven(first: &Explanation, left: f64, ignorance: f64) -> Option<Untried> {
     let is_unproven = first.is_cause() && left > MOST && ignorance > KNOWN;
-    is_unproven.then_some(Untried { place: 0, ignorance })
+    is_unproven.then_some(Untried { place: 0, ignorance, closes: first.closes, elsewhere: None })
 }
 
 /// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
 pub fn is_too_vague(problem: &Problem<'_>, of: &Explanation) -> bool {
-    ignorance(problem, of) > KNOWN.max(OF_WHAT_IS_LEFT * left(problem, of))
+    let left = left_at(problem, of, &of.model(problem), of.best());
+    ignorance(problem, of) > KNOWN.max(OF_WHAT_IS_LEFT * left)
 }
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
 /// units of noise and scatter.
 pub fn ignorance(problem: &Problem<'_>, of: &Explanation) -> f64 {
-    let errors = problem.emulator_errors(&of.model(problem).curve(of.best()).variance);
+    ignorance_at(problem, of, &of.model(problem), of.best())
+}
+
+/// The same at parameters of a model, in units of an explanation's noise and scatter.
+fn ignorance_at(problem: &Problem<'_>, of: &Explanation, model: &Model<'_>, w: &[f64]) -> f64 {
+    let errors = problem.emulator_errors(&model.curve(w).variance);
     in_units_of_noise(problem, of, |i| errors.row(i).norm_squared())
 }
 
-/// Root mean square over all readings of what an explanation leaves where it fits best, in the same units.
-fn left(problem: &Problem<'_>, of: &Explanation) -> f64 {
-    let model = of.model(problem);
-    let residual = model.residual(&model.mean(of.best()));
+/// Root mean square over all readings of what a model leaves at parameters, in the same units.
+fn left_at(problem: &Problem<'_>, of: &Explanation, model: &Model<'_>, w: &[f64]) -> f64 {
+    let residual = model.residual(&model.mean(w));
     in_units_of_noise(problem, of, |i| residual[i] * residual[i])
 }
 
@@ -120,6 +162,33 @@ mod tests {
         assert!(runs >= 40, "{runs}");
         let (of_a_cause, _) = of(2.5e-3, 0.0, false);
         assert!(of_a_cause.is_empty(), "{of_a_cause:?}");
+    }
+
+    #[test]
+    fn an_effect_that_fits_best_where_it_is_known_is_asked_where_the_emulator_s_mean_fits_best_too() {
+        // Where it is known it closes so much of the gap; where the mean fits, the emulator has this variance.
+        let found = |closes: f64, variance: f64, remainder: f64| {
+            let (predictor, prior) = (Straight::unsure(variance), Straight::prior());
+            let mut observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+            observations.values[0].iter_mut().step_by(2).for_each(|y| *y += remainder);
+            let problem = predictor.problem(&prior, &observations);
+            let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
+            explanations.iter_mut().for_each(|of| (of.is_vague, of.closes) = (false, closes));
+            let untried = untried(&problem, &explanations);
+            let runs = next_runs(&problem, &explanations, &untried, 50, 1).unwrap();
+            let [Untried { ignorance, closes, elsewhere: Some(_), .. }] = untried.as_slice() else {
+                return None;
+            };
+            assert!(*ignorance > KNOWN && *closes > 0.9, "{ignorance} {closes}");
+            let strengths: Vec<f64> = runs.iter().map(|run| run[2]).filter(|&c| c != 0.0).collect();
+            Some(strengths.iter().sum::<f64>() / strengths.len() as f64)
+        };
+        let strength = found(0.3, 2.5e-3, 0.0).unwrap();
+        assert!((strength - 0.8).abs() < 0.1, "{strength}");
+        assert!(found(0.3, 1e-8, 0.0).is_none());
+        assert!(found(0.6, 2.5e-3, 0.0).is_none());
+        assert!(found(0.3, 2.5e-3, 2.0).is_none());
     }
 
     #[test]

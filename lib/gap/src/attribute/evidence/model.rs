@@ -34,6 +34,8 @@ pub struct Model<'a> {
     outliers: Vec<usize>,
     /// Patterns that only this model has in its covariance.
     own: Option<Arc<Patterns>>,
+    /// Whether the emulator's mean is taken for the simulation.
+    is_sure: bool,
 }
 
 /// What a curve parameter stands for: a parameter of the prior, or an effect of the measurement.
@@ -101,8 +103,17 @@ impl<'a> Model<'a> {
         });
         let off = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
         let has_form = has_rest && !hypothesis.is_empty();
-        let mut model =
-            Self { problem, free, measured, off, has_rest, has_form, outliers: Vec::new(), own: None };
+        let mut model = Self {
+            problem,
+            free,
+            measured,
+            off,
+            has_rest,
+            has_form,
+            outliers: Vec::new(),
+            own: None,
+            is_sure: false,
+        };
         if has_form {
             model.set_form(&vec![0.0; problem.observed.len()], &[]);
         }
@@ -193,6 +204,11 @@ impl<'a> Model<'a> {
         plain
     }
 
+    /// The same as if the emulator knew the simulation: its mean is taken for it.
+    pub fn sure(&self) -> Self {
+        Self { is_sure: true, ..self.clone() }
+    }
+
     /// The problem that it belongs to.
     pub fn problem(&self) -> &'a Problem<'a> {
         self.problem
@@ -225,6 +241,10 @@ impl<'a> Model<'a> {
     /// What the simulation and the measurement make of the parameters.
     pub fn curve(&self, w: &[f64]) -> Curve {
         let predictor = self.problem.predictor;
+        if self.is_sure {
+            let variance = vec![0.0; predictor.basis().ncols()];
+            return Curve { mean: self.mean(w), variance };
+        }
         let Predicted { mean, variance } = predictor.predict(&self.point(w));
         Curve { mean: self.measure(predictor.curve(&mean), w), variance }
     }
