@@ -45,7 +45,8 @@ fn render(name: &str, content: &Content) -> Result<String> {
         environment.add_template(name, template)?;
     }
     let page = environment.get_template(name)?.render(Serde(content));
-    page.with_context(|| format!("template {name}"))
+    // A template loses its last line end.
+    Ok(page.with_context(|| format!("template {name}"))? + "\n")
 }
 
 /// Text as it may stand in HTML, between tags and in attributes.

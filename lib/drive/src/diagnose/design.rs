@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::Test;
 use gl_case::folders::BASE;
+use gl_gap::attribute::problem::path::short;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
 use gl_gap::design_box::{goes_beyond, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
@@ -50,12 +51,19 @@ impl Diagnosis<'_> {
             }
             course.made(round.len()?);
             round.attribute(course.pointed())?;
-            match course.next(round.standing()?, self.wider(&round.folder)?) {
+            let standing = round.standing()?;
+            gl_cli::note("gl-diagnose", &format!("design: {}", round.told(&standing)?));
+            match course.next(standing, self.wider(&round.folder)?) {
                 Step::End => return self.conclude(&round.folder),
                 Step::Widen => {
+                    let [own, next] =
+                        ["params.txt", WIDER_BOX].map(|box_of| Prior::read(&round.file(box_of)));
                     gl_cli::note(
                         "gl-diagnose",
-                        "a hypothesis leans on the box of the base parameters, which is made wider",
+                        &format!(
+                            "a hypothesis leans on the box of the base parameters, which is made wider: {}",
+                            moved(&own?, &next?)
+                        ),
                     );
                     let next = self.round(number + 1);
                     make_folder(&next)?;
@@ -160,6 +168,17 @@ impl Diagnosis<'_> {
     }
 }
 
+/// The bounds of one box that are others in the next, with what they were.
+fn moved(own: &Prior, next: &Prior) -> String {
+    let bounds = own.parameters().iter().zip(next.parameters()).flat_map(|(own, next)| {
+        [(&next.name, "from", own.lower, next.lower), (&next.name, "to", own.upper, next.upper)]
+    });
+    let told = bounds.filter(|(.., before, after)| before != after).map(|(name, side, before, after)| {
+        format!("{name} {side} {} (it was {})", short(after), short(before))
+    });
+    told.collect::<Vec<_>>().join(", ")
+}
+
 /// One round of a design.
 struct Round<'a> {
     diagnosis: &'a Diagnosis<'a>,
@@ -200,6 +219,12 @@ impl Round<'_> {
         let [attribution, verdict] =
             ["attribution.txt", "attribution-verdict.txt"].map(|name| self.file(name));
         Standing::of_tables(&Table::read(&attribution)?, &Table::read(&verdict)?)
+    }
+
+    /// The same for a reader, with the number of runs so far.
+    fn told(&self, standing: &Standing) -> Result<String> {
+        let runs = Samples::read(&self.file("all-samples.txt"))?.len();
+        Ok(format!("{runs} runs, {} comes first, probability {:.2}", standing.cause, standing.probability))
     }
 
     /// The first box; those of later rounds are there already.
