@@ -52,7 +52,7 @@ impl Diagnosis<'_> {
             course.made(round.len()?);
             round.attribute(course.pointed())?;
             let standing = round.standing()?;
-            gl_cli::note("gl-diagnose", &format!("design: {}", round.told(&standing)?));
+            gl_cli::note("gl-diagnose", format!("design: {}", round.told(&standing)?));
             match course.next(standing, self.wider(&round.folder)?) {
                 Step::End => return self.conclude(&round.folder),
                 Step::Widen => {
@@ -60,7 +60,7 @@ impl Diagnosis<'_> {
                         ["params.txt", WIDER_BOX].map(|box_of| Prior::read(&round.file(box_of)));
                     gl_cli::note(
                         "gl-diagnose",
-                        &format!(
+                        format!(
                             "a hypothesis leans on the box of the base parameters, which is made wider: {}",
                             moved(&own?, &next?)
                         ),

@@ -188,12 +188,13 @@ impl Attribution {
         same.map(|of| of.probability).sum::<f64>().min(1.0)
     }
 
-    /// The most probable cause of those that name effects, whether it is likely or not; of several that are out of the
-    /// question the one that closes most.
+    /// The most probable cause of those that name effects, whether it is likely or not, with a rest or without, whichever is
+    /// more probable; of several that are out of the question the one that closes most.
     pub fn nearest(&self) -> Option<&Explanation> {
         let causes = self.explanations.iter().filter(|of| of.is_cause());
         causes.max_by(|a, b| {
             let by_probability = self.probability_of(a).total_cmp(&self.probability_of(b));
+            let by_probability = by_probability.then(a.probability.total_cmp(&b.probability));
             by_probability.then(a.closes.total_cmp(&b.closes))
         })
     }
@@ -592,6 +593,21 @@ mod tests {
         let [none, wave, unexplained] = probabilities(0.02, false);
         assert!(wave == 0.0 && (unexplained / none - 0.4).abs() < 1e-12);
         assert_eq!(probabilities(0.5, true)[1], 0.0);
+    }
+
+    #[test]
+    fn the_nearest_cause_is_told_by_what_is_more_probable_of_it() {
+        let mut explanations =
+            as_likely([("unexplained", 0.9), ("wave", 0.01), ("wave+unexplained", 0.05), ("none", 0.04)])
+                .to_vec();
+        explanations[1].closes = 0.9;
+        let of = |explanations: &[Explanation]| {
+            Attribution { explanations: explanations.to_vec() }.nearest().map(|of| of.name.clone())
+        };
+        assert_eq!(of(&explanations).as_deref(), Some("wave+unexplained"));
+        // Of two that are out of the question the one that closes most.
+        explanations.iter_mut().for_each(|of| of.probability = 0.0);
+        assert_eq!(of(&explanations).as_deref(), Some("wave"));
     }
 
     #[test]
