@@ -39,6 +39,9 @@ use gl_progress::stage;
 /// What stands for something that is no candidate, alone or behind the effects that are in beside it.
 pub const UNEXPLAINED: &str = "unexplained";
 
+/// Share of the gap that a cause closes at the least: what closes less is a part of what is behind it.
+pub const MOST: f64 = 0.5;
+
 /// One hypothesis after the measurement.
 #[derive(Clone, Debug)]
 pub struct Explanation {
@@ -132,9 +135,15 @@ impl Explanation {
         self.has_rest || self.has_more_noise
     }
 
-    /// Whether its effects close half of the gap or more: what closes less is a part of what is behind it, and not the cause.
+    /// Whether its effects close half of the gap or more, as a cause does.
     pub fn closes_most(&self) -> bool {
-        self.closes >= 0.5
+        self.closes >= MOST
+    }
+
+    /// Whether the measurement is at least as likely under it as under another one: only what was believed beforehand, and
+    /// what effects lose that leave much, can put that first then.
+    pub fn is_as_likely_as(&self, other: &Self) -> bool {
+        self.evidence.ln >= other.evidence.ln
     }
 
     /// Whether it fits with the noise that was stated.

@@ -117,6 +117,12 @@ impl Diagnosis {
         self.attribution.probability_of(self.first())
     }
 
+    /// The one of the others that the measurement can least tell from the first.
+    pub fn confounded(&self) -> Option<&Explanation> {
+        let name = self.rows[0].confounded.first()?;
+        self.attribution.explanations.iter().find(|of| of.name == *name)
+    }
+
     /// Whether effects come first of which the emulator knows too little to call them the cause.
     pub fn is_unproven(&self) -> bool {
         self.first().is_cause() && !self.untried.is_empty()

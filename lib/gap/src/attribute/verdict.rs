@@ -8,8 +8,8 @@ use crate::attribute::attribution::lean::Lean;
 use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::rest::{GoesWith, goes_with};
 use crate::attribute::attribution::told::{Told, told};
-use crate::attribute::attribution::untried::{KNOWN, MOST, Untried, ignorance};
-use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::untried::{KNOWN, Untried, ignorance};
+use crate::attribute::attribution::{Attribution, Explanation, MOST, RuledOut, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
@@ -98,9 +98,9 @@ pub fn verdict(
 /// first, and what is not known of it; of those that close most of it, or with which the measurement is as likely.
 fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, &Untried)> {
     let explanations = &diagnosis.attribution.explanations;
-    let unknown = diagnosis.first().evidence.ln;
     let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of));
-    let open = untried.filter(|(of, untried)| untried.closes >= MOST || of.evidence.ln >= unknown);
+    let open =
+        untried.filter(|(of, untried)| untried.closes >= MOST || of.is_as_likely_as(diagnosis.first()));
     open.max_by(|a, b| a.1.closes.total_cmp(&b.1.closes))
 }
 
@@ -199,10 +199,7 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
         ));
         return;
     }
-    let as_likely = diagnosis.rows[0].confounded.first();
-    let as_likely =
-        as_likely.and_then(|name| diagnosis.attribution.explanations.iter().find(|of| of.name == *name));
-    if let Some(of) = as_likely {
+    if let Some(of) = diagnosis.confounded() {
         add_as_likely(verdicts, problem, diagnosis, of);
         return;
     }
@@ -462,10 +459,8 @@ fn add_rivals(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
     }
     // The rival that a further measurement should tell from the first: one that it is confounded with, else
     // the next in line.
-    let confounded =
-        first.confounded.first().and_then(|name| explanations.iter().find(|of| of.name == *name));
     let is_said = is_open || !of_first.is_cause();
-    let rival = confounded.or(rival.filter(|of| is_said && !of.is_unknown()));
+    let rival = diagnosis.confounded().or(rival.filter(|of| is_said && !of.is_unknown()));
     let Some(rival) = rival.filter(|_| !of_first.is_unknown()) else { return Ok(()) };
     if !first.confounded.is_empty() {
         verdicts.add(

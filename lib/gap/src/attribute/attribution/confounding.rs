@@ -95,7 +95,7 @@ fn as_likely(explanations: &[Explanation], unknown: &Explanation) -> Vec<usize> 
         of.hypothesis.len() == 1
             && !matches!(of.ruled_out, Some(RuledOut::Misfit | RuledOut::Invisible))
             && of.closes_most()
-            && of.evidence.ln >= unknown.evidence.ln
+            && of.is_as_likely_as(unknown)
     };
     let mut places: Vec<usize> =
         (0..explanations.len()).filter(|&place| is_as_likely(&explanations[place])).collect();

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::attribute::attribution::closure::left;
-use crate::attribute::attribution::{Explanation, RuledOut};
+use crate::attribute::attribution::{Explanation, MOST, RuledOut};
 use crate::attribute::evidence::mode::{Mode, find};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
@@ -23,9 +23,6 @@ pub struct Untried {
     /// Where that is, if it is where the emulator's mean would fit best, and not where the explanation does.
     pub elsewhere: Option<Mode>,
 }
-
-/// Share of the gap that a cause which is known closes, and does not leave.
-pub const MOST: f64 = 0.5;
 
 /// What an emulator may not know, in units of noise and scatter.
 pub const KNOWN: f64 = 1.0;
@@ -55,29 +52,40 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     };
     let is_asked =
         |of: &Explanation| is_single(of) && is_better(of) && of.ruled_out != Some(RuledOut::Invisible);
-    let nearest = |hypothesis: &[usize]| {
-        let mut model = Model::new(problem, hypothesis, false).sure();
-        let modes = find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1));
-        modes.into_iter().next()
-    };
-    let base = nearest(&[]);
+    let asked: Vec<(usize, &Explanation)> =
+        explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
+    let is_asked_elsewhere = |of: &Explanation| !of.is_vague && !of.closes_most();
+    let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
+    let base = if is_base_needed { nearest(problem, &[]) } else { None };
     let untried = |(place, of): (usize, &Explanation)| {
         if of.is_vague {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
-        let (base, mode) = (base.as_ref()?, nearest(&of.hypothesis).filter(|_| of.closes < MOST)?);
-        let model = of.model(problem).plain();
-        let at = |mode: &Mode, model: &Model<'_>| left_at(problem, of, model, mode.w.as_slice());
-        let (before, after) = (at(base, &Model::new(problem, &[], false)), at(&mode, &model));
-        let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
-        let closes = 1.0 - left(before, after, 1.0);
-        let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after) && after < WITHIN * ignorance.hypot(1.0);
-        (is_open && closes >= MOST).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
+        base.as_ref().filter(|_| is_asked_elsewhere(of)).and_then(|base| elsewhere(problem, place, of, base))
     };
-    let asked: Vec<(usize, &Explanation)> =
-        explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
     asked.into_par_iter().filter_map(untried).collect()
+}
+
+/// Where the emulator's mean would fit best, whatever it does not know.
+fn nearest(problem: &Problem<'_>, hypothesis: &[usize]) -> Option<Mode> {
+    let mut model = Model::new(problem, hypothesis, false).sure();
+    find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1)).into_iter().next()
+}
+
+/// An effect where the emulator's mean would fit best, if it would close most of the gap there as far as is known, which
+/// is too little.
+///
+/// * `base` — where the base model's mean would.
+fn elsewhere(problem: &Problem<'_>, place: usize, of: &Explanation, base: &Mode) -> Option<Untried> {
+    let mode = nearest(problem, &of.hypothesis)?;
+    let model = of.model(problem).plain();
+    let before = left_at(problem, of, &Model::new(problem, &[], false), base.w.as_slice());
+    let after = left_at(problem, of, &model, mode.w.as_slice());
+    let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
+    let closes = 1.0 - left(before, after, 1.0);
+    let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after) && after < WITHIN * ignorance.hypot(1.0);
+    (is_open && closes >= MOST).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
 }
 
 /// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
