@@ -220,7 +220,7 @@ impl Diagnosis<'_> {
         }
         gl_cli::note(
             "gl-diagnose",
-            "no effect of the simulator is known to explain the gap, so none is put in",
+            "no effect of the simulation is known to be the cause, so none is put in",
         );
         for file in [
             "locate-after.txt",

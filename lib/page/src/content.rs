@@ -238,8 +238,7 @@ impl Content {
             code: first.code.clone(),
             value: first.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
-            is_refuted: measured
-                .is_some_and(|of| of.verdict.iter().any(|row| verdict::closes_nothing(&row.code))),
+            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();

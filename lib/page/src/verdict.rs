@@ -100,9 +100,11 @@ const DOUBTS: &[&str] = &[
     "may-not-close",
 ];
 
-/// Whether a code says of an effect that was put in that the gap may not close by it.
-pub fn closes_nothing(code: &str) -> bool {
-    matches!(code, "grows" | "may-not-close")
+/// Whether the gap may not close by an effect that was put in, in all observables together nor in a single one: the noise of
+/// others may hide one in which it does.
+pub fn closes_nothing(said: &[Sentence]) -> bool {
+    let is_said = |code: &str| said.iter().any(|sentence| sentence.code == code);
+    is_said("grows") || is_said("may-not-close") && !is_said("closes-in")
 }
 
 /// Whether a code answers what a diagnosis was asked, so that it is said first.
@@ -115,6 +117,20 @@ const ANSWERS: &[&str] = &["cause", "cause-with-rest", "part", "unsettled", "une
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_closes_a_gap_in_one_observable_is_not_refuted_by_the_noise_of_the_others() {
+        let said = |codes: &[&str]| {
+            let sentence = |code: &&str| Sentence {
+                code: (*code).to_owned(),
+                value: String::new(),
+                text: String::new(),
+            };
+            closes_nothing(&codes.iter().map(sentence).collect::<Vec<_>>())
+        };
+        assert!(said(&["may-not-close"]) && said(&["grows", "closes-in"]));
+        assert!(!said(&["may-not-close", "closes-in"]) && !said(&["closes"]));
+    }
 
     #[test]
     fn a_sentence_has_a_capital_unless_it_begins_with_a_name() {

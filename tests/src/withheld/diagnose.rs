@@ -16,7 +16,7 @@ use gl_gap::attribute::problem::predictor::Predictor;
 use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
 use gl_gap::attribute::winner::cause;
-use gl_gap::design_box::{self, Limit, goes_beyond, widen};
+use gl_gap::design_box::{self, goes_beyond, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
@@ -167,7 +167,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             return Ok(found);
         }
         let leans: Vec<design_box::Pull> = found.0.leans.iter().map(design_box::Pull::from).collect();
-        let wider = widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?;
+        let wider = widen(&shared.prior, &design.prior, &leans, course.limit())?;
         let how_far = |wider: &Prior| -> Result<Wider> {
             let is_beyond = goes_beyond(&shared.prior, &design.prior, wider)?;
             Ok(if is_beyond { Wider::Beyond } else { Wider::Within })
@@ -264,6 +264,6 @@ fn look(of: &Explanation) -> String {
         of.closes,
         of.fits.unwrap_or(f64::NAN),
         of.ruled_out.map_or("", |why| why.word()),
-        if of.has_more_noise { " more-noise" } else { "" }
+        if of.has_more_noise() { " more-noise" } else { "" }
     )
 }

@@ -15,7 +15,7 @@ use gl_case::Test;
 use gl_case::folders::BASE;
 use gl_gap::attribute::problem::path::short;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
-use gl_gap::design_box::{goes_beyond, with_beyond, within_runs};
+use gl_gap::design_box::{Limit, goes_beyond, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
@@ -53,7 +53,7 @@ impl Diagnosis<'_> {
             round.attribute(course.pointed())?;
             let standing = round.standing()?;
             gl_cli::note("gl-diagnose", format!("design: {}", round.told(&standing)?));
-            match course.next(standing, self.wider(&round.folder)?) {
+            match course.next(standing, self.wider(&round.folder, course.limit())?) {
                 Step::End => return self.conclude(&round.folder),
                 Step::Widen => {
                     let [own, next] =
@@ -101,13 +101,13 @@ impl Diagnosis<'_> {
     }
 
     /// How far the box of a round would be made wider, where a hypothesis leans on it; the wider one is beside it then.
-    fn wider(&self, round: &Path) -> Result<Option<Wider>> {
+    fn wider(&self, round: &Path, limit: Limit) -> Result<Option<Wider>> {
         let wider = round.join(WIDER_BOX);
         let call = Call::new("gl-box")
             .arg("widen")
             .flag("-p", self.case.params())
             .flag("--box", round.join("params.txt"))
-            .arg("--beyond")
+            .args((limit == Limit::Beyond).then_some("--beyond"))
             .flag("-o", &wider)
             .arg(round.join("posterior.txt"));
         if self.runner.call(&call, Messages::Shown)? == 1 {

@@ -18,6 +18,8 @@ pub mod told;
 pub mod untried;
 pub mod visible;
 
+use std::cmp::Reverse;
+
 use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -28,7 +30,7 @@ use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
 use crate::attribute::evidence::adequacy::{FITS, INADEQUATE, predictive_probability};
 use crate::attribute::evidence::mode::{Mode, find};
-use crate::attribute::evidence::model::Model;
+use crate::attribute::evidence::model::{Model, SD_OF_LN_NOISE};
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
@@ -69,8 +71,8 @@ pub struct Explanation {
     pub fits: Option<f64>,
     /// Share of the base model's gap that its effects close by themselves.
     pub closes: f64,
-    /// Whether it takes a noise that is clearly larger than stated, which may be a rest by another name.
-    pub has_more_noise: bool,
+    /// By how many times the readings of some observable scatter more than was stated; 1 where nothing was.
+    pub noise_scale: f64,
     /// Whether the emulator knows too little where it fits best to say how much it closes.
     pub is_vague: bool,
 }
@@ -121,6 +123,14 @@ impl Explanation {
         if is_asked { along(&CLOSES, self.closes) } else { 1.0 }
     }
 
+    /// Whether it is a single effect beside a rest that is so far ahead of something unknown alone that it is in it, whatever else
+    /// is: what is no candidate is not imitated like that by what closes anything.
+    fn is_far_ahead(&self, unknown: &Self) -> bool {
+        let is_single = self.has_rest && self.hypothesis.len() == 1;
+        let closes = self.closes > CLOSES[0].0;
+        is_single && closes && self.ln_weight - unknown.ln_weight - self.lost() > FAR_AHEAD
+    }
+
     /// ln odds that it loses, since its effects leave as much to something else as they do.
     fn lost(&self) -> f64 {
         if self.is_cause() && self.may_have_rest() && !self.is_vague {
@@ -132,7 +142,7 @@ impl Explanation {
 
     /// Whether something else is at work, too: a rest, or more noise than was stated, which may be one by another name.
     fn may_have_rest(&self) -> bool {
-        self.has_rest || self.has_more_noise
+        self.has_rest || self.has_more_noise()
     }
 
     /// Whether its effects close half of the gap or more, as a cause does.
@@ -148,7 +158,17 @@ impl Explanation {
 
     /// Whether it fits with the noise that was stated.
     pub fn fits_well(&self) -> bool {
-        !self.has_more_noise && self.fits.is_some_and(|fits| fits > FITS)
+        !self.has_more_noise() && self.fits.is_some_and(|fits| fits > FITS)
+    }
+
+    /// Whether it takes a noise that is clearly larger than stated, which may be a rest by another name.
+    pub fn has_more_noise(&self) -> bool {
+        self.noise_scale > OTHER_NOISE
+    }
+
+    /// Share of its probability that is doubted, since it takes a noise that was not believed.
+    pub fn doubted(&self) -> f64 {
+        along(&DOUBTED, self.noise_scale.ln() / SD_OF_LN_NOISE)
     }
 
     /// Whether it names effects as the cause.
@@ -226,12 +246,20 @@ const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
 /// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
-/// themselves: the more they leave to a rest, the likelier it is that all of it is something unknown, which they imitate. What
-/// nothing smooth imitates is ahead of that by tens, and hardly notices.
-const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (1.0, 0.0)];
+/// themselves: what leaves more than it closes is likelier a part of something unknown that it imitates. One that closes seven
+/// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What nothing smooth imitates is ahead
+/// of a rest alone by tens, and hardly notices.
+const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (0.7, 0.0)];
+
+/// Beyond so many ln odds something unknown alone is out of the question, after all that an effect beside a rest loses.
+const FAR_AHEAD: f64 = 20.0;
 
 /// What is kept of the probability of something unknown where the base model fits, and there is no sign of it.
 const WITHOUT_A_SIGN: f64 = 0.4;
+
+/// Share of the probability of the base model that goes to something unknown, by how much larger its noise is than what was
+/// stated, in standard deviations of what is believed of the logarithm: what is as rough as noise looks like it.
+const DOUBTED: [(f64, f64); 2] = [(2.0, 0.0), (3.0, 0.5)];
 
 /// The second coordinate on a line through points in ascending order, level beyond its ends.
 fn along(points: &[(f64, f64)], x: f64) -> f64 {
@@ -302,7 +330,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 evidence,
                 fits: None,
                 closes: 0.0,
-                has_more_noise: false,
+                noise_scale: 1.0,
                 is_vague: false,
                 hypothesis: set,
             })
@@ -408,7 +436,9 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Resul
             of.closes = closes(problem, &base, of)?;
             let scales = of.model(problem).nuisances(of.best()).scales;
             of.is_vague = is_too_vague(problem, of);
-            of.has_more_noise = problem.is_noise_stated && scales.iter().any(|scale| *scale > OTHER_NOISE);
+            if problem.is_noise_stated {
+                of.noise_scale = scales.into_iter().fold(0.0, f64::max);
+            }
             Ok(())
         })
         .inspect(|_| looking.advance())
@@ -422,6 +452,15 @@ fn of_alone(alone: f64, with_rest: f64, unknown: f64) -> f64 {
     const NEEDED: f64 = 20.0;
     let hardly_needed = 1.0 / (1.0 + (with_rest - alone).exp() / NEEDED);
     hardly_needed / (1.0 + (unknown - alone).exp())
+}
+
+/// The likeliest of several effects that is [far ahead](Explanation::is_far_ahead) of something unknown: what they do not keep
+/// together is its.
+fn heir(explanations: &[Explanation], several: &Explanation, unknown: &Explanation) -> Option<usize> {
+    let is_one =
+        |of: &Explanation| several.hypothesis.len() > 1 && is_part(&of.hypothesis, &several.hypothesis);
+    let ahead = explanations.iter().enumerate().filter(|(_, of)| is_one(of) && of.is_far_ahead(unknown));
+    ahead.max_by(|a, b| a.1.ln_weight.total_cmp(&b.1.ln_weight)).map(|(place, _)| place)
 }
 
 /// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
@@ -442,6 +481,11 @@ fn rule_out(explanations: &mut [Explanation]) {
         }
     }
     let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
+    if let Some(base) = same(explanations, &Vec::new(), false) {
+        let taken = explanations[base].probability * explanations[base].doubted();
+        explanations[base].probability -= taken;
+        explanations[unexplained].probability += taken;
+    }
     // Where the base model fits there is nothing to close, and an effect may be in and not show.
     let is_gap = !explanations.iter().any(|of| of.is_base() && of.fits_well());
     if !is_gap {
@@ -456,9 +500,13 @@ fn rule_out(explanations: &mut [Explanation]) {
     }
     let whole: f64 = explanations.iter().map(|of| of.probability).sum();
     explanations.iter_mut().for_each(|of| of.probability /= whole);
-    for place in 0..explanations.len() {
+    // Several effects first, since what they lose may go to one of them.
+    let mut places: Vec<usize> = (0..explanations.len()).collect();
+    places.sort_by_key(|&place| Reverse(explanations[place].hypothesis.len()));
+    for place in places {
+        let is_far_ahead = explanations[place].is_far_ahead(&explanations[unexplained]);
         let of = &mut explanations[place];
-        if !of.is_cause() || !of.may_have_rest() {
+        if !of.is_cause() || !of.may_have_rest() || is_far_ahead {
             continue;
         }
         let kept = of.kept();
@@ -474,10 +522,11 @@ fn rule_out(explanations: &mut [Explanation]) {
             let alone = &explanations[alone];
             alone.kept() * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
         });
+        let heir = heir(explanations, of, &explanations[unexplained]).unwrap_or(unexplained);
         if let Some(alone) = alone {
             explanations[alone].probability += share * taken;
         }
-        explanations[unexplained].probability += (1.0 - share) * taken;
+        explanations[heir].probability += (1.0 - share) * taken;
     }
     // A sum of shares is one by rounding only.
     explanations.iter_mut().for_each(|of| of.probability = of.probability.min(1.0));
@@ -502,7 +551,8 @@ mod tests {
         let all = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
         likely.map(|(name, probability)| {
             let of = all.iter().find(|of| of.name == name).unwrap().clone();
-            Explanation { probability, fits: None, closes: 0.0, is_vague: false, ..of }
+            let ln_weight = probability.max(1e-6).ln();
+            Explanation { probability, ln_weight, fits: None, closes: 0.0, is_vague: false, ..of }
         })
     }
 
@@ -551,19 +601,54 @@ mod tests {
             let effect = 1.0 / (1.0 + (-ahead).exp());
             let mut all =
                 as_likely([("none", 0.0), ("wave+unexplained", effect), ("unexplained", 1.0 - effect)]);
-            all[1].closes = closes;
+            (all[1].closes, all[1].ln_weight) = (closes, all[2].ln_weight + ahead);
             rule_out(&mut all);
             assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
             all[1].probability
         };
         let kept = |closes: f64| along(&CLOSES, closes);
         assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Six nats at a half and below, three at three quarters: four are too few there, and thirty are enough.
-        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.75)] {
+        // Six nats at a half and below, three at six tenths, none from seven on: four are too few at a half, and thirty are
+        // enough.
+        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.6), (0.0, 0.7)] {
             assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
         }
         assert!(probability(4.0, 0.5) < 0.1);
-        assert!((probability(30.0, 0.5) - kept(0.5)).abs() < 1e-6);
+        assert!((probability(25.0, 0.5) - kept(0.5)).abs() < 1e-6);
+        // What is far ahead is in it, however much else is, if it closes anything.
+        assert!((probability(30.0, 0.3) - 1.0).abs() < 1e-6 && probability(30.0, 0.1) == 0.0);
+    }
+
+    #[test]
+    fn what_two_effects_do_not_keep_is_that_one_s_of_them_without_which_it_cannot_be() {
+        // The pair closes seven tenths, of which it keeps a half; one of it is ahead of something unknown by so much.
+        let probabilities = |ahead: f64| {
+            let mut all =
+                as_likely([("wave+unexplained", 0.0), ("unexplained", 0.0), ("wave+unexplained", 1.0)]);
+            all[2].hypothesis.push(1);
+            for (of, (closes, ln_weight)) in all.iter_mut().zip([(0.7, ahead), (0.0, 0.0), (0.7, ahead)]) {
+                (of.closes, of.ln_weight) = (closes, ln_weight);
+            }
+            rule_out(&mut all);
+            all.map(|of| of.probability)
+        };
+        assert_eq!(probabilities(19.0), [0.0, 0.5, 0.5]);
+        assert_eq!(probabilities(21.0), [0.5, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn a_base_model_whose_noise_is_not_believed_is_as_likely_something_unknown() {
+        let probabilities = |noise_scale: f64| {
+            let mut all = as_likely([("none", 0.8), ("wave", 0.0), ("unexplained", 0.2)]);
+            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
+            rule_out(&mut all);
+            [all[0].probability, all[2].probability]
+        };
+        assert_eq!(probabilities(2.0), [0.8, 0.2]);
+        // Two and a half standard deviations of a half are a factor of 3.5; three, of 4.5.
+        let [none, unexplained] = probabilities(1.25f64.exp());
+        assert!((none - 0.6).abs() < 1e-12 && (unexplained - 0.4).abs() < 1e-12, "{none} {unexplained}");
+        assert!((probabilities(6.0)[0] - 0.4).abs() < 1e-12);
     }
 
     #[test]
@@ -590,7 +675,8 @@ mod tests {
     fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
         let probabilities = |fits: f64, has_more_noise: bool| {
             let mut all = as_likely([("none", 0.5), ("wave", 0.3), ("unexplained", 0.2)]);
-            all.iter_mut().for_each(|of| of.has_more_noise = has_more_noise);
+            let noise_scale = if has_more_noise { 1.1 * OTHER_NOISE } else { 1.0 };
+            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
             all[0].fits = Some(fits);
             rule_out(&mut all);
             all.map(|of| of.probability)

@@ -9,6 +9,7 @@ use gl_table::Table;
 
 use crate::attribute::attribution::untried::KNOWN;
 use crate::attribute::winner::most_probable;
+use crate::design_box::Limit;
 
 /// The sizes of rounds, as shares of all runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,6 +169,12 @@ impl Course {
         }
     }
 
+    /// How far the box may grow: where it has gone beyond the prior often enough it may still be too narrow within.
+    pub fn limit(&self) -> Limit {
+        let beyond = Wider::Beyond as usize;
+        if self.widened[beyond] < WIDEST[beyond] { Limit::Beyond } else { Limit::Prior }
+    }
+
     /// What follows a round that says this, and after which the box would be made wider so far, if at all.
     ///
     /// A round in a wider box shows the cause anew, but has no runs where the hypotheses put the parameters: it settles
@@ -262,6 +269,18 @@ mod tests {
             .collect();
         let (widen, point) = (Step::Widen, Step::Point);
         assert_eq!(steps(None, &said), [widen, widen, widen, point, widen, widen, point, point]);
+    }
+
+    #[test]
+    fn a_box_that_has_gone_beyond_the_prior_often_enough_still_grows_within() {
+        let mut course = Course::new(Rounds { all: 100 }, None);
+        let now = of("adhesion", 0.5, 0.6);
+        for _ in 0..WIDEST[Wider::Beyond as usize] {
+            assert_eq!(course.limit(), Limit::Beyond);
+            assert_eq!(course.next(now.clone(), Some(Wider::Beyond)), Step::Widen);
+        }
+        assert_eq!(course.limit(), Limit::Prior);
+        assert_eq!(course.next(now, Some(Wider::Within)), Step::Widen);
     }
 
     #[test]

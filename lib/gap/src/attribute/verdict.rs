@@ -174,19 +174,24 @@ fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnos
     } else if first.has_rest {
         add_unknown(verdicts, problem, diagnosis, is_settled);
     } else {
-        add_none(verdicts, first.probability, is_settled);
+        add_none(verdicts, first, is_settled);
     }
     Ok(())
 }
 
-/// That the base model comes first.
-fn add_none(verdicts: &mut Verdicts, probability: f64, is_settled: bool) {
-    let needed = if probability < SETTLED { "no effect seems to be needed" } else { "no effect is needed" };
-    verdicts.add(
-        if is_settled { "none" } else { "unsettled" },
-        "none",
-        format!("{needed}: the base model explains the measurement, probability {probability:.2}"),
-    );
+/// That the base model comes first: settled unless it takes a noise that was not believed.
+fn add_none(verdicts: &mut Verdicts, first: &Explanation, is_settled: bool) {
+    let (probability, is_doubted) = (first.probability, first.doubted() > 0.0);
+    let needed = if probability < SETTLED || is_doubted { "seems to be needed" } else { "is needed" };
+    let mut text =
+        format!("no effect {needed}: the base model explains the measurement, probability {probability:.2}");
+    if is_doubted {
+        text += &format!(
+            ", if readings scatter {} times what was stated: their noise is larger, or something as rough as noise is at work, which is no candidate",
+            short(first.noise_scale)
+        );
+    }
+    verdicts.add(if is_settled && !is_doubted { "none" } else { "unsettled" }, "none", text);
 }
 
 /// That something unknown comes first, and which effects come nearest.
@@ -205,6 +210,9 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     }
     let text = match diagnosis.attribution.nearest() {
         None => format!("something else than the base model is at work, probability {first:.2}"),
+        Some(of) if first < SETTLED && diagnosis.attribution.probability_of(of) < LITTLE => {
+            format!("something else than the base model seems to be at work, probability {first:.2}")
+        }
         Some(of) if first < SETTLED => format!(
             "something else seems to be at work, probability {first:.2}, or {}, probability {:.2}, which closes {} % of the gap",
             name(&of.hypothesis, &problem.candidates),
@@ -238,8 +246,14 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
     let first = diagnosis.stated();
     let effect = name(&of.hypothesis, &problem.candidates);
     let beside = if of.has_rest { " beside something smaller" } else { "" };
+    let odds = (of.evidence.ln - diagnosis.first().evidence.ln).exp();
+    let times = match odds {
+        ..1.5 => String::new(),
+        1e3.. => "more than 1000 times ".to_owned(),
+        _ => format!("{} times ", short(odds)),
+    };
     verdicts.add("unsettled", UNEXPLAINED, format!(
-        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is as likely, and {effect} closes {} % of the gap",
+        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is {times}as likely, and {effect} closes {} % of the gap",
         percent(of.closes)
     ));
     let base = problem.prior.base().len();
@@ -292,31 +306,35 @@ fn add_effects(
         (true, false) => "cause",
         (true, true) => "cause-with-rest",
     };
+    let (is_in, explains) = if code == "unsettled" { ("may be", "may explain") } else { ("is", "explains") };
     let text = if is_part {
         format!(
-            "{effects} is in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
+            "{effects} {is_in} in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
             percent(first.closes),
             rest_places(problem, first)
         )
     } else if first.has_rest {
         format!(
-            "{effects} is in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}",
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}",
             percent(first.closes),
             rest_places(problem, first)
         )
     } else {
-        format!("{effects} explains it: probability {probability:.2}")
+        format!("{effects} {explains} it: probability {probability:.2}")
     };
     verdicts.add(code, &effects, text);
     let closes = shrink(problem, base, first, seed)?;
     let (low, high) = (percent(closes.low), percent(closes.high));
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
     // An observable that is noisy over its range counts for less in units of its noise.
-    let is_another = first.has_rest && (closes.median - first.closes).abs() > ANOTHER;
-    let units = if is_another {
-        ", each observable as a share of its range; above, in units of its noise"
-    } else {
-        ""
+    let is_another = (closes.median - first.closes).abs() > ANOTHER;
+    let units = match (is_another, first.has_rest) {
+        (false, _) => String::new(),
+        (true, true) => ", each observable as a share of its range; above, in units of its noise".to_owned(),
+        (true, false) => format!(
+            ", each observable as a share of its range; {} % in units of its noise",
+            percent(first.closes)
+        ),
     };
     verdicts.add(
         "closes",
@@ -403,19 +421,30 @@ fn add_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation
         }
     }
     for (j, name) in problem.observables.iter().enumerate() {
-        let block = problem.own(j);
-        let own = first.outliers.iter().filter(|i| block.contains(i));
-        let readings: Vec<String> = own.map(|i| (i - block.start).to_string()).collect();
-        let Some((last, others)) = readings.split_last() else { continue };
-        let text = if others.is_empty() {
-            format!("reading {last} of {name} looks like an outlier, and counts for little (the first is 0)")
-        } else {
-            format!(
-                "readings {} and {last} of {name} look like outliers, and count for little (the first is 0)",
-                others.join(", ")
-            )
+        let (own, test) = (problem.own(j), problem.test_of(j));
+        let steps = first.outliers.iter().filter(|i| own.contains(i)).map(|i| i - own.start);
+        let (readings, at): (Vec<String>, Vec<String>) =
+            steps.map(|step| (step.to_string(), short(test.path.control()[step]))).unzip();
+        let (which, are) = match readings.len() {
+            0 => continue,
+            1 => ("reading", "looks like an outlier, and counts"),
+            _ => ("readings", "look like outliers, and count"),
         };
+        let text = format!(
+            "{which} {} of {name}, at {} {}, {are} for little (the first is 0)",
+            all_of(&readings),
+            test.control_name,
+            all_of(&at)
+        );
         verdicts.add("outliers", readings.join(","), text);
+    }
+}
+
+/// A list in words.
+fn all_of(list: &[String]) -> String {
+    match list {
+        [others @ .., last] if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+        _ => list.concat(),
     }
 }
 
@@ -630,7 +659,8 @@ mod tests {
         let [answer, confounded] = &verdicts.rows[..] else { panic!("{:?}", verdicts.rows) };
         assert_eq!((answer.code.as_str(), answer.value.as_str()), ("unsettled", "unexplained"));
         assert!(
-            answer.text.contains("with wave beside something smaller the measurement is as likely"),
+            answer.text.contains("with wave beside something smaller the measurement is ")
+                && answer.text.contains(" times as likely"),
             "{}",
             answer.text
         );
@@ -649,9 +679,9 @@ mod tests {
         );
     }
 
-    /// The code and the value of the answer where this hypothesis comes first with this probability, and a bound is leaned
-    /// on or not.
-    fn answer(name: &str, probability: f64, leans: bool) -> (String, String) {
+    /// The code and the value of the answer where this hypothesis comes first with this probability, a bound is leaned
+    /// on or not, and the readings scatter so many times what was stated.
+    fn answer(name: &str, probability: f64, leans: bool, noise_scale: f64) -> (String, String) {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
         let problem = predictor.problem(&prior, &observations);
@@ -659,7 +689,7 @@ mod tests {
         let explanations = &mut diagnosis.attribution.explanations;
         explanations.sort_by_key(|of| of.name != name);
         explanations.iter_mut().for_each(|of| of.probability = 0.0);
-        explanations[0].probability = probability;
+        (explanations[0].probability, explanations[0].noise_scale) = (probability, noise_scale);
         if leans {
             let (parameter, hypothesis) = ("a".to_owned(), name.to_owned());
             diagnosis.leans.push(Lean { parameter, bound: 2.0, is_upper: true, by: 0.1, hypothesis });
@@ -675,10 +705,16 @@ mod tests {
         for (name, code, value) in
             [("none", "none", "none"), ("wave", "cause", "wave"), ("unexplained", "unexplained", "0.85")]
         {
-            assert_eq!(answer(name, 0.85, false), (code.to_owned(), value.to_owned()));
+            assert_eq!(answer(name, 0.85, false, 1.0), (code.to_owned(), value.to_owned()));
             for (probability, leans) in [(0.75, false), (0.85, true)] {
-                assert_eq!(answer(name, probability, leans), ("unsettled".to_owned(), name.to_owned()));
+                assert_eq!(answer(name, probability, leans, 1.0), ("unsettled".to_owned(), name.to_owned()));
             }
         }
+    }
+
+    #[test]
+    fn that_no_effect_is_needed_is_not_settled_by_a_noise_that_was_not_believed() {
+        assert_eq!(answer("none", 0.85, false, 2.0).0, "none");
+        assert_eq!(answer("none", 0.85, false, 5.9), ("unsettled".to_owned(), "none".to_owned()));
     }
 }

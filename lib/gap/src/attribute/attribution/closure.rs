@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::evidence::descent::{Reach, Within, descend};
+use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
 use crate::attribute::evidence::mode::{Mode, standard_normal};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::{HEAVY_TAILS, Problem};
@@ -108,7 +108,7 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     let left_by = |explanation: &Explanation| -> Result<f64> {
         let own = explanation.model(problem).plain();
         // In the metric of the one noise, so that the two are compared alike.
-        let left = recalibrated((&model, w), &own, &explanation.best()[..own.len()], &within)?;
+        let left = recalibrated((&model, w), &own, &explanation.best()[..own.len()], &within)?.residual;
         let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
         let share = |i: usize| problem.counts(i) * (left[i] / units[problem.observable_of(i)]).powi(2);
         let squares: Vec<f64> = counted.map(share).collect();
@@ -126,19 +126,17 @@ fn believed(problem: &Problem<'_>, parameters: &[usize], point: &[f64]) -> Vec<W
     parameters.iter().map(within).collect()
 }
 
-/// What is left of the measurement, shape (readings, 1), when parameters of a model's simulation are calibrated again
-/// within bounds, from where they are, in the metric of another model's noise and scatter.
+/// Where parameters of a model's simulation are when they are calibrated again within bounds, from where they are, in the
+/// metric of another model's noise and scatter; and what is left of the measurement there.
 fn recalibrated(
     (metric, at): Metric<'_, '_>,
     own: &Model<'_>,
     w: &[f64],
     within: &[Within],
-) -> Result<DMatrix<f64>> {
+) -> Result<Descent> {
     let none = vec![0.0; own.problem().predictor.basis().ncols()];
     let reach = Reach { steps: 12, inertia: 0.0 };
-    let descent =
-        metric.with_covariance(at, &none, |covariance| descend(covariance, own, w, within, reach))?;
-    Ok(descent?.residual)
+    metric.with_covariance(at, &none, |covariance| descend(covariance, own, w, within, reach))?
 }
 
 /// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated
@@ -229,26 +227,25 @@ fn noise_levels(fitted: &Fitted<'_>, scales: &[f64], random: &mut ChaCha8Rng) ->
     (0..DRAWS).map(draw).collect()
 }
 
-/// What is left of the measurement, shape (readings, 1), when all of a model is calibrated again in a metric: the
-/// simulation within its bounds, errors of the measurement beside it.
-fn calibrated(fitted: &Fitted<'_>, metric: Metric<'_, '_>) -> Result<DMatrix<f64>> {
+/// All of a model calibrated again in a metric: the simulation within its bounds, errors of the measurement beside it.
+fn calibrated(fitted: &Fitted<'_>, metric: Metric<'_, '_>) -> Result<Descent> {
     let own = fitted.model.plain();
     let w = &fitted.mode.w.as_slice()[..own.len()];
     let simulated = own.simulated_parameters();
     let within = believed(own.problem(), simulated, &metric.0.point(metric.1));
-    let mut residual = recalibrated(metric, &own, w, &within)?;
+    let mut calibrated = recalibrated(metric, &own, w, &within)?;
     let (_, slopes) = own.gradient(w);
     let of_measurement = slopes.columns_range(simulated.len()..).into_owned();
-    absorb(metric.0, metric.1, &of_measurement, &mut residual)?;
-    Ok(residual)
+    absorb(metric.0, metric.1, &of_measurement, &mut calibrated.residual)?;
+    Ok(calibrated)
 }
 
 /// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one, whose errors the
 /// measurement tells nothing of.
 fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     let own = fitted.model.plain();
-    let residual = calibrated(fitted, metric)?;
-    let errors = emulator_errors(fitted);
+    let Descent { point, residual, .. } = calibrated(fitted, metric)?;
+    let errors = emulator_errors(own.problem(), &variance_at(own.problem(), &point));
     let mut real = -(&errors * DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random)));
     let (_, slopes) = own.gradient(&fitted.mode.w.as_slice()[..own.len()]);
     absorb(metric.0, metric.1, &slopes, &mut real)?;
@@ -260,10 +257,10 @@ fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8
 fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
     let (model, problem) = (fitted.model, fitted.model.problem());
     let w = fitted.mode.w.as_slice();
-    let variance = own_variance(fitted);
+    let variance = variance_at(problem, &model.point(w));
     let (_, slopes) = model.gradient(w);
     let residual = DVector::from_vec(model.residual(fitted.mean));
-    let errors = emulator_errors(fitted);
+    let errors = emulator_errors(problem, &variance);
     // Of z in E z, given E z + rest + noise: mean Eᵀ Σ⁻¹ r, covariance I − Eᵀ Σ⁻¹ E.
     let mut columns = errors.clone().insert_column(errors.ncols(), 0.0);
     columns.set_column(errors.ncols(), &residual);
@@ -284,23 +281,26 @@ fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8R
         let mean = left_out * solved[(i, errors.ncols())];
         real.row_mut(i).apply(|r| *r -= mean + sd * standard_normal(random));
     }
+    let Descent { point, residual, .. } = calibrated(fitted, metric)?;
+    // Calibrated again beside a rest it is elsewhere, where the measurement tells nothing of what more is not known there.
+    let there = variance_at(problem, &point);
+    let more: Vec<f64> = there.iter().zip(&variance).map(|(there, here)| (there - here).max(0.0)).collect();
+    let errors = emulator_errors(problem, &more);
+    real -= &errors * DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
     absorb(metric.0, metric.1, &slopes, &mut real)?;
-    let residual = calibrated(fitted, metric)?;
     real.column_iter_mut().for_each(|mut column| column += &residual);
     Ok(gaps(problem, &real))
 }
 
-/// Variances of the components at the mode as the emulator says itself: that its errors have heavy tails is for the
+/// Variances of the components at a point as the emulator says itself: that its errors have heavy tails is for the
 /// odds of a hypothesis, not for their size.
-fn own_variance(fitted: &Fitted<'_>) -> Vec<f64> {
-    let curve = fitted.model.curve(fitted.mode.w.as_slice());
-    curve.variance.iter().map(|v| v / HEAVY_TAILS).collect()
+fn variance_at(problem: &Problem<'_>, point: &[f64]) -> Vec<f64> {
+    problem.predictor.predict(point).variance.iter().map(|v| v / HEAVY_TAILS).collect()
 }
 
-/// A factor of the covariance of the components' errors, shape (readings, components).
-fn emulator_errors(fitted: &Fitted<'_>) -> DMatrix<f64> {
-    let variance = own_variance(fitted);
-    fitted.model.problem().emulator_errors(&variance).columns(0, variance.len()).into_owned()
+/// A factor of the covariance of errors of the components, shape (readings, components).
+fn emulator_errors(problem: &Problem<'_>, variance: &[f64]) -> DMatrix<f64> {
+    problem.emulator_errors(variance).columns(0, variance.len()).into_owned()
 }
 
 /// The gaps of residuals, shape (readings, draws).

@@ -62,7 +62,7 @@ const LN_NOISE: (f64, f64) = (-9.21, -0.69);
 
 /// Standard deviation of the logarithm of a noise about the one that is stated: repeatability was measured once,
 /// on another day, or is a maker's word.
-const SD_OF_LN_NOISE: f64 = 0.5;
+pub const SD_OF_LN_NOISE: f64 = 0.5;
 
 /// Largest correlation of the noise from one step to the next.
 const HIGHEST_PHI: f64 = 0.95;
