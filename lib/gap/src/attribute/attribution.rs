@@ -131,6 +131,12 @@ impl Explanation {
         is_single && closes && self.ln_weight - unknown.ln_weight - self.lost() > FAR_AHEAD
     }
 
+    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead.
+    pub fn is_clear_of(&self, unknown: &Self) -> bool {
+        let is_ahead = self.ln_weight - unknown.ln_weight - self.lost() > BEHIND;
+        !self.has_rest || self.closes >= CLOSES[2].0 || is_ahead
+    }
+
     /// ln odds that it loses, since its effects leave as much to something else as they do.
     fn lost(&self) -> f64 {
         if self.is_cause() && self.may_have_rest() && !self.is_vague {
@@ -208,6 +214,11 @@ impl Attribution {
     /// The base model, and nothing else.
     pub fn base(&self) -> &Explanation {
         self.explanations.iter().find(|of| of.is_base()).unwrap_or(self.first())
+    }
+
+    /// The base model and a rest.
+    pub fn unknown(&self) -> Option<&Explanation> {
+        self.explanations.iter().find(|of| of.is_unknown())
     }
 
     /// Probability of what an explanation says, of its effects with a rest and without: at most 1, which a sum of shares may
@@ -634,6 +645,18 @@ mod tests {
         };
         assert_eq!(probabilities(19.0), [0.0, 0.5, 0.5]);
         assert_eq!(probabilities(21.0), [0.5, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn something_unknown_alone_is_no_rival_to_what_is_well_ahead_or_closes_nearly_all() {
+        let is_clear = |name: &str, closes: f64, ahead: f64| {
+            let [mut of, mut unknown] = as_likely([(name, 0.9), ("unexplained", 0.1)]);
+            (of.closes, of.ln_weight, unknown.ln_weight) = (closes, ahead, 0.0);
+            of.is_clear_of(&unknown)
+        };
+        assert!(is_clear("wave+unexplained", 0.8, 11.0) && !is_clear("wave+unexplained", 0.8, 9.0));
+        assert!(!is_clear("wave+unexplained", 0.6, 11.0), "it loses three");
+        assert!(is_clear("wave+unexplained", 0.9, 1.0) && is_clear("wave", 0.8, 1.0));
     }
 
     #[test]

@@ -300,7 +300,8 @@ fn add_effects(
         && !needs_more_noise(problem, base, first)
         && ignorance(problem, base) <= KNOWN;
     let is_part = first.has_rest && !first.closes_most();
-    let code = match (is_settled && !is_fit, first.has_rest) {
+    let is_clear = diagnosis.attribution.unknown().is_none_or(|unknown| first.is_clear_of(unknown));
+    let code = match (is_settled && is_clear && !is_fit, first.has_rest) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
         (true, false) => "cause",
@@ -315,8 +316,9 @@ fn add_effects(
         )
     } else if first.has_rest {
         format!(
-            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}",
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}",
             percent(first.closes),
+            if is_clear { "" } else { ", or all of it" },
             rest_places(problem, first)
         )
     } else {
