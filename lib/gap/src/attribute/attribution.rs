@@ -127,14 +127,17 @@ impl Explanation {
     /// is: what is no candidate is not imitated like that by what closes anything.
     fn is_far_ahead(&self, unknown: &Self) -> bool {
         let is_single = self.has_rest && self.hypothesis.len() == 1;
-        let closes = self.closes > CLOSES[0].0;
-        is_single && closes && self.ln_weight - unknown.ln_weight - self.lost() > FAR_AHEAD
+        is_single && self.kept() > 0.0 && self.ahead_of(unknown) > FAR_AHEAD
     }
 
     /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead.
     pub fn is_clear_of(&self, unknown: &Self) -> bool {
-        let is_ahead = self.ln_weight - unknown.ln_weight - self.lost() > BEHIND;
-        !self.has_rest || self.closes >= CLOSES[2].0 || is_ahead
+        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || self.ahead_of(unknown) > BEHIND
+    }
+
+    /// ln odds by which it is ahead of something unknown alone, after what it loses.
+    fn ahead_of(&self, unknown: &Self) -> f64 {
+        self.ln_weight - unknown.ln_weight - self.lost()
     }
 
     /// ln odds that it loses, since its effects leave as much to something else as they do.

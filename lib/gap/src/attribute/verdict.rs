@@ -301,13 +301,14 @@ fn add_effects(
         && ignorance(problem, base) <= KNOWN;
     let is_part = first.has_rest && !first.closes_most();
     let is_clear = diagnosis.attribution.unknown().is_none_or(|unknown| first.is_clear_of(unknown));
-    let code = match (is_settled && is_clear && !is_fit, first.has_rest) {
+    let is_settled = is_settled && is_clear && !is_fit;
+    let code = match (is_settled, first.has_rest) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
         (true, false) => "cause",
         (true, true) => "cause-with-rest",
     };
-    let (is_in, explains) = if code == "unsettled" { ("may be", "may explain") } else { ("is", "explains") };
+    let (is_in, explains) = if is_settled { ("is", "explains") } else { ("may be", "may explain") };
     let text = if is_part {
         format!(
             "{effects} {is_in} in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
@@ -661,8 +662,9 @@ mod tests {
         let [answer, confounded] = &verdicts.rows[..] else { panic!("{:?}", verdicts.rows) };
         assert_eq!((answer.code.as_str(), answer.value.as_str()), ("unsettled", "unexplained"));
         assert!(
-            answer.text.contains("with wave beside something smaller the measurement is ")
-                && answer.text.contains(" times as likely"),
+            answer.text.contains(
+                "with wave beside something smaller the measurement is more than 1000 times as likely"
+            ),
             "{}",
             answer.text
         );
@@ -712,6 +714,40 @@ mod tests {
                 assert_eq!(answer(name, probability, leans, 1.0), ("unsettled".to_owned(), name.to_owned()));
             }
         }
+    }
+
+    #[test]
+    fn an_effect_beside_a_rest_is_settled_only_where_something_unknown_alone_is_no_rival() {
+        let answer = |ahead: f64| {
+            let (predictor, prior) = (Straight::new(), Straight::prior());
+            let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            let explanations = &mut diagnosis.attribution.explanations;
+            explanations.sort_by_key(|of| of.name != "wave+unexplained");
+            explanations.iter_mut().for_each(|of| of.probability = 0.0);
+            let unknown = explanations.iter().find(|of| of.is_unknown()).unwrap().ln_weight;
+            let first = &mut explanations[0];
+            (first.probability, first.closes, first.ln_weight) = (0.85, 0.8, unknown + ahead);
+            let mut verdicts = Verdicts::default();
+            add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            let first = verdicts.rows.remove(0);
+            (first.code, first.text)
+        };
+        let (code, text) = answer(11.0);
+        assert!(code == "cause-with-rest" && text.contains("wave is in it (0.85) and closes 80 %"), "{text}");
+        let (code, text) = answer(9.0);
+        assert!(code == "unsettled" && text.contains("wave may be in it (0.85)"), "{text}");
+        assert!(text.contains("something else makes the rest, or all of it"), "{text}");
+    }
+
+    #[test]
+    fn a_list_is_told_with_and_before_the_last() {
+        let told = |list: &[&str]| all_of(&list.iter().map(|&of| of.to_owned()).collect::<Vec<_>>());
+        assert_eq!(
+            [told(&["8"]), told(&["8", "19"]), told(&["0", "4", "36"])],
+            ["8", "8 and 19", "0, 4 and 36"]
+        );
     }
 
     #[test]
