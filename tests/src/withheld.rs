@@ -11,3 +11,4 @@ pub mod fit;
 pub mod generate;
 pub mod score;
 pub mod specimen;
+pub mod weigh;

@@ -14,7 +14,7 @@ use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
     reliability, shrink_coverage,
 };
-use pipelines::withheld::{diagnose, generate};
+use pipelines::withheld::{diagnose, generate, weigh};
 
 /// How often the diagnosis is right, on measurements whose effect it is not told
 #[derive(Parser)]
@@ -67,6 +67,12 @@ enum Step {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
+    /// Weigh DIR/hypotheses.tsv by the present rules into DIR/verdicts.tsv, without runs: what comes first, and the effects
+    Weigh {
+        /// Where they are
+        #[arg(required = true)]
+        dirs: Vec<PathBuf>,
+    },
     /// Hold DIR/verdicts.tsv against DIR/sealed/answers.tsv, those of several folders together
     Score {
         /// Where they are
@@ -86,6 +92,7 @@ fn run(args: &Args) -> Result<()> {
             let how = How { runs: *runs, in_rounds: !one_round, exact: *exact, seed: *seed };
             diagnose::diagnose(&Bench::under(world, Condition::named(condition)?)?, how, dir)
         }
+        Step::Weigh { dirs } => dirs.iter().try_for_each(|dir| weigh::weigh(dir)),
         Step::Score { dirs } => {
             let cases = dirs.iter().map(|dir| read(dir)).collect::<Result<Vec<_>>>()?;
             score(&cases.concat())
@@ -174,6 +181,10 @@ fn score(cases: &[Scored]) -> Result<()> {
             of: cases.iter().filter(wrong).filter(|case| !case.is_warned()).count(),
         },
     )?;
+    let is_settled = |case: &&Scored| case.is_settled;
+    let settled = || cases.iter().filter(is_settled);
+    count("all: settled, of them right", Share::count(settled(), Scored::is_right))?;
+    count("all: settled, of them a wrong effect", Share::count(settled(), Scored::names_wrong))?;
     count("all: said to lean on a bound", Share::count(cases.iter(), Scored::is_warned))?;
     for family in ["Plain", "Scatter", "Rig"] {
         let of = cases.iter().filter(|case| case.family == family);

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
-use gl_gap::attribute::attribution::Explanation;
 use gl_gap::attribute::attribution::closure::Foretold;
 use gl_gap::attribute::diagnosis;
 use gl_gap::attribute::diagnosis::{Diagnosis, shrink};
@@ -15,6 +14,7 @@ use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::problem::predictor::Predictor;
 use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
+use gl_gap::attribute::settled::is_settled;
 use gl_gap::attribute::winner::cause;
 use gl_gap::design_box::{self, goes_beyond, widen};
 use gl_inference::design::{self, Effects};
@@ -29,6 +29,7 @@ use rayon::prelude::*;
 use super::bench::Bench;
 use super::exact::Exact;
 use super::generate::KINDS;
+use super::weigh;
 
 /// How every case is diagnosed.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +85,7 @@ struct Case {
     specimens: u64,
 }
 
-/// Read `DIR/cases` and write `DIR/verdicts.tsv`. The first round of runs is made once for all cases with the same
+/// Read `DIR/cases` and write `DIR/verdicts.tsv` and `DIR/hypotheses.tsv`. The first round of runs is made once for all cases with the same
 /// candidates.
 ///
 /// # Errors
@@ -118,12 +119,23 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         .enumerate()
         .map(|(row, case)| verdict(bench, how, &designs[&design_of(row)], case))
         .collect::<Result<Vec<_>>>()?;
-    write(&list, &verdicts, &dir.join("verdicts.tsv"))
+    write(&list, &verdicts, &dir.join("verdicts.tsv"))?;
+    let cases = (0..list.len()).map(|row| list.field(row, 0));
+    let explanations = verdicts.iter().map(|of| of.diagnosis.attribution.explanations.as_slice());
+    weigh::write(cases.zip(explanations), dir)
 }
 
-/// What a case comes down to, how far the gap should close if an effect comes first, whether the prior was made
-/// wider, and the number of runs.
-type Verdict = (Diagnosis, Option<Foretold>, bool, usize);
+/// What a case comes down to.
+struct Verdict {
+    diagnosis: Diagnosis,
+    is_settled: bool,
+    /// How far the gap should close, if an effect comes first.
+    closes: Option<Foretold>,
+    /// Whether the prior was made wider.
+    is_wider: bool,
+    /// Runs of the design.
+    runs: usize,
+}
 
 fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verdict> {
     let Case { observations, kinds, specimens } = case;
@@ -156,7 +168,9 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             is_untried: !diagnosis.untried.is_empty(),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
-        Ok(((diagnosis, closes, is_wider, design.ensemble.len()), standing))
+        let is_settled = is_settled(&problem, &diagnosis);
+        let runs = design.ensemble.len();
+        Ok((Verdict { diagnosis, is_settled, closes, is_wider, runs }, standing))
     };
     let mut round = 1;
     loop {
@@ -166,7 +180,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         if !how.in_rounds {
             return Ok(found);
         }
-        let leans: Vec<design_box::Pull> = found.0.leans.iter().map(design_box::Pull::from).collect();
+        let leans: Vec<design_box::Pull> = found.diagnosis.leans.iter().map(design_box::Pull::from).collect();
         let wider = widen(&shared.prior, &design.prior, &leans, course.limit())?;
         let how_far = |wider: &Prior| -> Result<Wider> {
             let is_beyond = goes_beyond(&shared.prior, &design.prior, wider)?;
@@ -184,7 +198,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             (Step::Point | Step::Further, _) => {
                 let problem = problem(bench, &simulation, &design.prior, &candidates, observations)?
                     .believing(&shared.prior);
-                let diagnosis = &found.0;
+                let diagnosis = &found.diagnosis;
                 let explanations = &diagnosis.attribution.explanations;
                 let runs = next_runs(&problem, explanations, &diagnosis.untried, count, how.seed)?;
                 (design.prior.clone(), runs)
@@ -213,6 +227,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "case",
         "first",
         "probability",
+        "settled",
         "with_rest",
         "closes",
         "unproven",
@@ -224,46 +239,30 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "shrink_low",
         "shrink_high",
         "effects",
-        "closer_look",
         "runs",
     ];
+    let yes = |is_so: bool| if is_so { "yes" } else { "no" };
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for (row, (diagnosis, closes, is_wider, runs)) in verdicts.iter().enumerate() {
+    for (row, Verdict { diagnosis, is_settled, closes, is_wider, runs }) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
         table.text(list.field(row, 0)).text(cause(&first.name));
-        table.numbers(&[diagnosis.stated()]);
-        table.text(if first.has_rest { "yes" } else { "no" }).number(first.closes);
-        table.text(if diagnosis.is_unproven() { "yes" } else { "no" });
+        table.numbers(&[diagnosis.stated()]).text(yes(*is_settled));
+        table.text(yes(first.has_rest)).number(first.closes);
+        table.text(yes(diagnosis.is_unproven()));
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
-        table.text(&leans.join(",")).text(if *is_wider { "yes" } else { "no" });
+        table.text(&leans.join(",")).text(yes(*is_wider));
         let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));
         let confounded: Vec<&str> = diagnosis.rows[0].confounded.iter().map(|name| cause(name)).collect();
         table.text(nearest).text(&confounded.join(","));
         let closes = closes.unwrap_or(Foretold { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
-        let effects: Vec<String> =
-            diagnosis.effects.iter().map(|(name, probability)| format!("{name}={probability:.4}")).collect();
-        let looks: Vec<String> = attribution
-            .explanations
-            .iter()
-            .filter(|e| e.ln_weight > -40.0 || e.fits.is_some())
-            .map(look)
-            .collect();
-        table.text(&effects.join(",")).text(&looks.join("; ")).number(*runs as f64).end_row()?;
+        table.text(&effects(&diagnosis.effects)).number(*runs as f64).end_row()?;
     }
     table.finish()
 }
 
-/// One hypothesis in a line, for who asks why a verdict is as it is.
-fn look(of: &Explanation) -> String {
-    format!(
-        "{}: {:.2} ± {:.2}, closes {:.3}, fits {:.4}{}{}",
-        of.name,
-        of.ln_weight,
-        of.evidence.error,
-        of.closes,
-        of.fits.unwrap_or(f64::NAN),
-        of.ruled_out.map_or("", |why| why.word()),
-        if of.has_more_noise() { " more-noise" } else { "" }
-    )
+/// Candidates and their probabilities, in a word.
+pub fn effects(effects: &[(String, f64)]) -> String {
+    let one = |(name, probability): &(String, f64)| format!("{name}={probability:.4}");
+    effects.iter().map(one).collect::<Vec<_>>().join(",")
 }

@@ -44,6 +44,8 @@ pub struct Scored {
     pub first: String,
     /// Its probability.
     pub probability: f64,
+    /// Whether it is said without reserve.
+    pub is_settled: bool,
     /// Share of the gap that it closes by itself.
     pub closes: f64,
     /// Hypotheses that it is said to be confounded with.
@@ -129,6 +131,7 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             least: number(&answers, "least")?,
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,
+            is_settled: text(&verdicts, "settled")? == "yes",
             closes: number(&verdicts, "closes")?,
             confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),

@@ -1,8 +1,9 @@
 //! Which effect explains the gap: the probability of every hypothesis.
 //!
 //! * Before: [`visible`](mod@visible), which candidates the measurement can show at all.
-//! * What evidence alone does not settle: [`closure`], how far effects close the gap; [`untried`], those that the emulator
-//!   knows too little of; [`lean`], whether the truth may lie beyond the bounds.
+//! * What evidence alone does not settle: [`closure`], how far effects close the gap; [`rules`], what that and a bad fit take
+//!   from a hypothesis; [`untried`], those that the emulator knows too little of; [`lean`], whether the truth may lie beyond
+//!   the bounds.
 //! * After: [`confounding`], which hypotheses the measurement cannot tell apart, [`told`], which of several tests does, and
 //!   [`forecast`], what it would take to; [`rest`], what else there is and what that goes with; [`marginals`] and [`draws`],
 //!   what is known of the parameters then.
@@ -14,11 +15,10 @@ pub mod forecast;
 pub mod lean;
 pub mod marginals;
 pub mod rest;
+pub mod rules;
 pub mod told;
 pub mod untried;
 pub mod visible;
-
-use std::cmp::Reverse;
 
 use anyhow::Result;
 use rand::SeedableRng;
@@ -26,11 +26,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::attribute::attribution::closure::closes;
+use crate::attribute::attribution::rules::rule_out;
 use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
-use crate::attribute::evidence::adequacy::{FITS, INADEQUATE, predictive_probability};
+use crate::attribute::evidence::adequacy::{FITS, predictive_probability};
 use crate::attribute::evidence::mode::{Mode, find};
-use crate::attribute::evidence::model::{Model, SD_OF_LN_NOISE};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
@@ -112,43 +113,6 @@ impl Explanation {
         self.evidence.modes[0].w.as_slice()
     }
 
-    /// What is kept of its probability beside something else, by the share of the gap that it closes.
-    fn kept(&self) -> f64 {
-        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
-    }
-
-    /// What is kept of its probability where it is alone: all of it where the emulator cannot say how much it closes.
-    fn kept_alone(&self) -> f64 {
-        let is_asked = self.is_cause() && !self.may_have_rest() && !self.is_vague;
-        if is_asked { along(&CLOSES, self.closes) } else { 1.0 }
-    }
-
-    /// Whether it is a single effect beside a rest that is so far ahead of something unknown alone that it is in it, whatever else
-    /// is: what is no candidate is not imitated like that by what closes anything.
-    fn is_far_ahead(&self, unknown: &Self) -> bool {
-        let is_single = self.has_rest && self.hypothesis.len() == 1;
-        is_single && self.kept() > 0.0 && self.ahead_of(unknown) > FAR_AHEAD
-    }
-
-    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead.
-    pub fn is_clear_of(&self, unknown: &Self) -> bool {
-        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || self.ahead_of(unknown) > BEHIND
-    }
-
-    /// ln odds by which it is ahead of something unknown alone, after what it loses.
-    fn ahead_of(&self, unknown: &Self) -> f64 {
-        self.ln_weight - unknown.ln_weight - self.lost()
-    }
-
-    /// ln odds that it loses, since its effects leave as much to something else as they do.
-    fn lost(&self) -> f64 {
-        if self.is_cause() && self.may_have_rest() && !self.is_vague {
-            along(&LEAVES_MUCH, self.closes)
-        } else {
-            0.0
-        }
-    }
-
     /// Whether something else is at work, too: a rest, or more noise than was stated, which may be one by another name.
     fn may_have_rest(&self) -> bool {
         self.has_rest || self.has_more_noise()
@@ -173,11 +137,6 @@ impl Explanation {
     /// Whether it takes a noise that is clearly larger than stated, which may be a rest by another name.
     pub fn has_more_noise(&self) -> bool {
         self.noise_scale > OTHER_NOISE
-    }
-
-    /// Share of its probability that is doubted, since it takes a noise that was not believed.
-    pub fn doubted(&self) -> f64 {
-        along(&DOUBTED, self.noise_scale.ln() / SD_OF_LN_NOISE)
     }
 
     /// Whether it names effects as the cause.
@@ -209,6 +168,14 @@ pub struct Attribution {
 }
 
 impl Attribution {
+    /// What follows from how likely hypotheses are (`ln_weight`), and from what is known of each by itself.
+    pub fn by_rules(mut explanations: Vec<Explanation>) -> Self {
+        explanations.iter_mut().for_each(|of| of.probability = of.ln_weight.exp());
+        rule_out(&mut explanations);
+        sort(&mut explanations);
+        Self { explanations }
+    }
+
     /// The most probable explanation.
     pub fn first(&self) -> &Explanation {
         &self.explanations[0]
@@ -224,11 +191,14 @@ impl Attribution {
         self.explanations.iter().find(|of| of.is_unknown())
     }
 
-    /// Probability of what an explanation says, of its effects with a rest and without: at most 1, which a sum of shares may
-    /// exceed by rounding.
+    /// Probability of what an explanation says, of its effects with a rest and without.
     pub fn probability_of(&self, what: &Explanation) -> f64 {
-        let same = self.explanations.iter().filter(|of| of.says_as(what));
-        same.map(|of| of.probability).sum::<f64>().min(1.0)
+        together(self.explanations.iter().filter(|of| of.says_as(what)))
+    }
+
+    /// Probability of a candidate, by its place, to be in: alone, with others, with a rest or without.
+    pub fn probability_of_effect(&self, candidate: usize) -> f64 {
+        together(self.explanations.iter().filter(|of| of.hypothesis.contains(&candidate)))
     }
 
     /// The most probable cause of those that name effects, whether it is likely or not, with a rest or without, whichever is
@@ -243,46 +213,17 @@ impl Attribution {
     }
 }
 
+/// Probability of explanations that exclude each other: at most 1, which a sum of shares may exceed by rounding.
+fn together<'a>(explanations: impl Iterator<Item = &'a Explanation>) -> f64 {
+    explanations.map(|of| of.probability).sum::<f64>().min(1.0)
+}
+
 /// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
 const CLOSE: f64 = 5.0;
 
 /// Hypotheses further below the most probable one (natural logarithm, to second order about their
 /// modes) are out of the question, and their evidence is estimated coarsely.
 const BEHIND: f64 = 10.0;
-
-/// What is kept of the probability of effects by the share of the gap that they close by themselves; in between in
-/// proportion. What closes little is no part of the cause, and explains nothing where it is alone. What closes half beside
-/// something else, a rest or more noise than was stated, may be one, or may imitate something that is no candidate, and is not
-/// settled. On which seeds these numbers were chosen is in docs/diagnosis-accuracy.md.
-const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
-
-/// The same of several effects together, which imitate more.
-const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
-
-/// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
-/// themselves: what leaves more than it closes is likelier a part of something unknown that it imitates. One that closes seven
-/// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What nothing smooth imitates is ahead
-/// of a rest alone by tens, and hardly notices.
-const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (0.7, 0.0)];
-
-/// Beyond so many ln odds something unknown alone is out of the question, after all that an effect beside a rest loses.
-const FAR_AHEAD: f64 = 20.0;
-
-/// What is kept of the probability of something unknown where the base model fits, and there is no sign of it.
-const WITHOUT_A_SIGN: f64 = 0.4;
-
-/// Share of the probability of the base model that goes to something unknown, by how much larger its noise is than what was
-/// stated, in standard deviations of what is believed of the logarithm: what is as rough as noise looks like it.
-const DOUBTED: [(f64, f64); 2] = [(2.0, 0.0), (3.0, 0.5)];
-
-/// The second coordinate on a line through points in ascending order, level beyond its ends.
-fn along(points: &[(f64, f64)], x: f64) -> f64 {
-    let rises = points.windows(2).map(|ends| {
-        let [(x0, y0), (x1, y1)] = [ends[0], ends[1]];
-        (y1 - y0) * ((x - x0) / (x1 - x0)).clamp(0.0, 1.0)
-    });
-    points[0].1 + rises.sum::<f64>()
-}
 
 /// A hypothesis with what a search found.
 struct Found<'a> {
@@ -358,9 +299,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         of.probability = of.ln_weight.exp();
     }
     look_closer(problem, &mut explanations)?;
-    rule_out(&mut explanations);
-    sort(&mut explanations);
-    Ok(Attribution { explanations })
+    Ok(Attribution::by_rules(explanations))
 }
 
 /// The most probable cause first: the same effects with a rest and without are one cause, and stand together.
@@ -459,116 +398,10 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Resul
         .collect()
 }
 
-/// What is taken from effects with a rest, since they close little beside it, goes to something unknown, unless the same
-/// effects do without the rest, by their ln weights: this share goes to them.
-fn of_alone(alone: f64, with_rest: f64, unknown: f64) -> f64 {
-    /// Odds from which on a rest is needed.
-    const NEEDED: f64 = 20.0;
-    let hardly_needed = 1.0 / (1.0 + (with_rest - alone).exp() / NEEDED);
-    hardly_needed / (1.0 + (unknown - alone).exp())
-}
-
-/// The likeliest of several effects that is [far ahead](Explanation::is_far_ahead) of something unknown: what they do not keep
-/// together is its.
-fn heir(explanations: &[Explanation], several: &Explanation, unknown: &Explanation) -> Option<usize> {
-    let is_one =
-        |of: &Explanation| several.hypothesis.len() > 1 && is_part(&of.hypothesis, &several.hypothesis);
-    let ahead = explanations.iter().enumerate().filter(|(_, of)| is_one(of) && of.is_far_ahead(unknown));
-    ahead.max_by(|a, b| a.1.ln_weight.total_cmp(&b.1.ln_weight)).map(|(place, _)| place)
-}
-
-/// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
-/// nothing from the effects that are in.
-fn rule_out(explanations: &mut [Explanation]) {
-    let same = |explanations: &[Explanation], hypothesis: &Hypothesis, has_rest: bool| {
-        explanations.iter().position(|of| of.has_rest == has_rest && of.hypothesis == *hypothesis)
-    };
-    for place in 0..explanations.len() {
-        let of = &explanations[place];
-        if !of.has_rest && of.fits.is_some_and(|fits| fits < INADEQUATE) {
-            let with_rest = same(explanations, &of.hypothesis, true);
-            explanations[place].ruled_out = Some(RuledOut::Misfit);
-            let taken = std::mem::take(&mut explanations[place].probability);
-            if let Some(with_rest) = with_rest {
-                explanations[with_rest].probability += taken;
-            }
-        }
-    }
-    let Some(unexplained) = same(explanations, &Vec::new(), true) else { return };
-    if let Some(base) = same(explanations, &Vec::new(), false) {
-        let taken = explanations[base].probability * explanations[base].doubted();
-        explanations[base].probability -= taken;
-        explanations[unexplained].probability += taken;
-    }
-    // Where the base model fits there is nothing to close, and an effect may be in and not show.
-    let is_gap = !explanations.iter().any(|of| of.is_base() && of.fits_well());
-    if !is_gap {
-        explanations[unexplained].probability *= WITHOUT_A_SIGN;
-    }
-    for of in explanations.iter_mut() {
-        let kept = if is_gap { of.kept_alone() } else { 1.0 };
-        if kept == 0.0 {
-            of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
-        }
-        of.probability *= kept * (-of.lost()).exp();
-    }
-    let whole: f64 = explanations.iter().map(|of| of.probability).sum();
-    explanations.iter_mut().for_each(|of| of.probability /= whole);
-    // Several effects first, since what they lose may go to one of them.
-    let mut places: Vec<usize> = (0..explanations.len()).collect();
-    places.sort_by_key(|&place| Reverse(explanations[place].hypothesis.len()));
-    for place in places {
-        let is_far_ahead = explanations[place].is_far_ahead(&explanations[unexplained]);
-        let of = &mut explanations[place];
-        if !of.is_cause() || !of.may_have_rest() || is_far_ahead {
-            continue;
-        }
-        let kept = of.kept();
-        if kept == 0.0 {
-            of.ruled_out = of.ruled_out.or(Some(RuledOut::ClosesLittle));
-        }
-        let taken = of.probability * (1.0 - kept);
-        of.probability -= taken;
-        let of = &explanations[place];
-        let fits = |&alone: &usize| of.has_rest && explanations[alone].probability > 0.0;
-        let alone = same(explanations, &of.hypothesis, false).filter(fits);
-        let share = alone.map_or(0.0, |alone| {
-            let alone = &explanations[alone];
-            alone.kept() * of_alone(alone.ln_weight, of.ln_weight, explanations[unexplained].ln_weight)
-        });
-        let heir = heir(explanations, of, &explanations[unexplained]).unwrap_or(unexplained);
-        if let Some(alone) = alone {
-            explanations[alone].probability += share * taken;
-        }
-        explanations[heir].probability += (1.0 - share) * taken;
-    }
-    // A sum of shares is one by rounding only.
-    explanations.iter_mut().for_each(|of| of.probability = of.probability.min(1.0));
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attribute::synthetic_world::{STEPS, Straight};
-
-    fn found(values: Vec<f64>, noise: f64) -> Vec<Explanation> {
-        let (predictor, prior) = (Straight::new(), Straight::prior());
-        let observations = Straight::observations(values);
-        let noise = Some(vec![vec![noise; STEPS]]);
-        let problem =
-            Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
-        attribute(&problem, 1, 1).unwrap().explanations
-    }
-
-    /// Hypotheses by name as likely as that, of which nothing else is known yet.
-    fn as_likely<const N: usize>(likely: [(&str, f64); N]) -> [Explanation; N] {
-        let all = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
-        likely.map(|(name, probability)| {
-            let of = all.iter().find(|of| of.name == name).unwrap().clone();
-            let ln_weight = probability.max(1e-6).ln();
-            Explanation { probability, ln_weight, fits: None, closes: 0.0, is_vague: false, ..of }
-        })
-    }
+    use crate::attribute::synthetic_world::{Straight, as_likely, found};
 
     #[test]
     fn a_rest_is_as_likely_beside_an_effect_as_not_and_likelier_than_nothing() {
@@ -589,131 +422,10 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_that_closes_half_is_likelier_than_not_and_not_settled() {
-        let kept = [0.1, 0.15, 0.25, 0.35, 0.625, 0.9, 1.0].map(|closes| along(&CLOSES, closes));
-        let expected = [0.0, 0.0, 0.3, 0.6, 0.8, 1.0, 1.0];
-        assert!(kept.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
-    }
-
-    #[test]
-    fn several_effects_must_close_more_than_one() {
-        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01).remove(0);
-        let kept = |effects: usize, closes: f64| {
-            Explanation { hypothesis: (0..effects).collect(), closes, ..any.clone() }.kept()
-        };
-        for closes in [0.0, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95] {
-            let (together, alone) = (kept(2, closes), kept(1, closes));
-            assert!(together <= alone && (closes < 0.2 || together < alone), "{closes}");
-        }
-        assert_eq!(kept(2, 1.0), 1.0);
-    }
-
-    #[test]
-    fn what_leaves_half_as_much_as_it_does_must_be_far_ahead_of_something_unknown() {
-        // Ahead of something unknown by so much, and closing so much.
-        let probability = |ahead: f64, closes: f64| {
-            let effect = 1.0 / (1.0 + (-ahead).exp());
-            let mut all =
-                as_likely([("none", 0.0), ("wave+unexplained", effect), ("unexplained", 1.0 - effect)]);
-            (all[1].closes, all[1].ln_weight) = (closes, all[2].ln_weight + ahead);
-            rule_out(&mut all);
-            assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
-            all[1].probability
-        };
-        let kept = |closes: f64| along(&CLOSES, closes);
-        assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Six nats at a half and below, three at six tenths, none from seven on: four are too few at a half, and thirty are
-        // enough.
-        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.6), (0.0, 0.7)] {
-            assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
-        }
-        assert!(probability(4.0, 0.5) < 0.1);
-        assert!((probability(25.0, 0.5) - kept(0.5)).abs() < 1e-6);
-        // What is far ahead is in it, however much else is, if it closes anything.
-        assert!((probability(30.0, 0.3) - 1.0).abs() < 1e-6 && probability(30.0, 0.1) == 0.0);
-    }
-
-    #[test]
-    fn what_two_effects_do_not_keep_is_that_one_s_of_them_without_which_it_cannot_be() {
-        // The pair closes seven tenths, of which it keeps a half; one of it is ahead of something unknown by so much.
-        let probabilities = |ahead: f64| {
-            let mut all =
-                as_likely([("wave+unexplained", 0.0), ("unexplained", 0.0), ("wave+unexplained", 1.0)]);
-            all[2].hypothesis.push(1);
-            for (of, (closes, ln_weight)) in all.iter_mut().zip([(0.7, ahead), (0.0, 0.0), (0.7, ahead)]) {
-                (of.closes, of.ln_weight) = (closes, ln_weight);
-            }
-            rule_out(&mut all);
-            all.map(|of| of.probability)
-        };
-        assert_eq!(probabilities(19.0), [0.0, 0.5, 0.5]);
-        assert_eq!(probabilities(21.0), [0.5, 0.0, 0.5]);
-    }
-
-    #[test]
-    fn something_unknown_alone_is_no_rival_to_what_is_well_ahead_or_closes_nearly_all() {
-        let is_clear = |name: &str, closes: f64, ahead: f64| {
-            let [mut of, mut unknown] = as_likely([(name, 0.9), ("unexplained", 0.1)]);
-            (of.closes, of.ln_weight, unknown.ln_weight) = (closes, ahead, 0.0);
-            of.is_clear_of(&unknown)
-        };
-        assert!(is_clear("wave+unexplained", 0.8, 11.0) && !is_clear("wave+unexplained", 0.8, 9.0));
-        assert!(!is_clear("wave+unexplained", 0.6, 11.0), "it loses three");
-        assert!(is_clear("wave+unexplained", 0.9, 1.0) && is_clear("wave", 0.8, 1.0));
-    }
-
-    #[test]
-    fn a_base_model_whose_noise_is_not_believed_is_as_likely_something_unknown() {
-        let probabilities = |noise_scale: f64| {
-            let mut all = as_likely([("none", 0.8), ("wave", 0.0), ("unexplained", 0.2)]);
-            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
-            rule_out(&mut all);
-            [all[0].probability, all[2].probability]
-        };
-        assert_eq!(probabilities(2.0), [0.8, 0.2]);
-        // Two and a half standard deviations of a half are a factor of 3.5; three, of 4.5.
-        let [none, unexplained] = probabilities(1.25f64.exp());
-        assert!((none - 0.6).abs() < 1e-12 && (unexplained - 0.4).abs() < 1e-12, "{none} {unexplained}");
-        assert!((probabilities(6.0)[0] - 0.4).abs() < 1e-12);
-    }
-
-    #[test]
-    fn what_leaves_the_gap_as_it_is_is_no_cause_unless_the_emulator_does_not_know_it() {
-        // Nine times as likely as the base model, without a rest or beside one.
-        let probability = |name: &str, closes: f64, is_vague: bool| {
-            let mut all = as_likely([("none", 0.1), (name, 0.9), ("unexplained", 0.0)]);
-            (all[1].closes, all[1].is_vague) = (closes, is_vague);
-            rule_out(&mut all);
-            assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
-            all[1].probability
-        };
-        assert_eq!(probability("wave", 0.1, false), 0.0);
-        assert!((probability("wave", 0.35, false) - 0.54 / 0.64).abs() < 1e-12);
-        for (closes, is_vague) in [(0.95, false), (0.1, true)] {
-            assert!((probability("wave", closes, is_vague) - 0.9).abs() < 1e-12);
-        }
-        assert!(probability("wave+unexplained", 0.5, false) < 0.02);
-        let kept = along(&CLOSES, 0.6);
-        assert!((probability("wave+unexplained", 0.6, true) - 0.9 * kept).abs() < 1e-12);
-    }
-
-    #[test]
-    fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
-        let probabilities = |fits: f64, has_more_noise: bool| {
-            let mut all = as_likely([("none", 0.5), ("wave", 0.3), ("unexplained", 0.2)]);
-            let noise_scale = if has_more_noise { 1.1 * OTHER_NOISE } else { 1.0 };
-            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
-            all[0].fits = Some(fits);
-            rule_out(&mut all);
-            all.map(|of| of.probability)
-        };
-        // Nor is there a sign of something unknown.
-        let expected = [0.5, 0.3, 0.08].map(|weight| weight / 0.88);
-        assert!(probabilities(0.5, false).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
-        // The base model fits badly, or with more noise than was stated alone.
-        let [none, wave, unexplained] = probabilities(0.02, false);
-        assert!(wave == 0.0 && (unexplained / none - 0.4).abs() < 1e-12);
-        assert_eq!(probabilities(0.5, true)[1], 0.0);
+    fn what_rounding_makes_more_than_certain_is_certain() {
+        let together = |a: f64, b: f64| together(as_likely([("wave", a), ("none", b)]).iter());
+        assert_eq!(together(0.5, 0.25), 0.75);
+        assert_eq!(together(1.0 - 1e-15, 2e-14), 1.0);
     }
 
     #[test]
@@ -729,16 +441,6 @@ mod tests {
         // Of two that are out of the question the one that closes most.
         explanations.iter_mut().for_each(|of| of.probability = 0.0);
         assert_eq!(of(&explanations).as_deref(), Some("wave"));
-    }
-
-    #[test]
-    fn what_hardly_needs_a_rest_loses_nothing_by_it() {
-        // As likely as with a rest, and far likelier than something unknown alone.
-        assert!((of_alone(0.0, 0.0, -60.0) - 20.0 / 21.0).abs() < 1e-12);
-        assert!((of_alone(0.0, 0.0, 0.0) - 10.0 / 21.0).abs() < 1e-12);
-        // A rest is needed: something unknown is at work, and the effect closes little of it.
-        assert!(of_alone(-20.0, 0.0, -30.0) < 1e-6);
-        assert!(of_alone(f64::NEG_INFINITY, 0.0, -30.0) == 0.0);
     }
 
     #[test]

@@ -135,11 +135,6 @@ impl Diagnosis {
     }
 }
 
-/// Probability of what excludes each other: at most 1, which a sum of shares may exceed by rounding.
-fn together(probabilities: impl Iterator<Item = f64>) -> f64 {
-    probabilities.sum::<f64>().min(1.0)
-}
-
 /// Weigh every set of up to `largest` candidates against the measurement.
 ///
 /// # Errors
@@ -169,10 +164,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         .candidates
         .iter()
         .enumerate()
-        .map(|(i, candidate)| {
-            let has = explanations.iter().filter(|explanation| explanation.hypothesis.contains(&i));
-            (candidate.name().to_owned(), together(has.map(|explanation| explanation.probability)))
-        })
+        .map(|(i, candidate)| (candidate.name().to_owned(), attribution.probability_of_effect(i)))
         .collect();
     let leans = leans(problem, explanations)?;
     let ignorance = ignorance(problem, attribution.first());
@@ -206,15 +198,4 @@ pub fn noise(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Vec<Vec<f64>> {
         problem.units[block].iter().map(|unit| scale * unit).collect()
     };
     problem.blocks().into_iter().zip(&scales).map(sd).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_rounding_makes_more_than_certain_is_certain() {
-        assert_eq!(together([0.5, 0.25].into_iter()), 0.75);
-        assert_eq!(together([1.0 - 1e-15, 2e-14].into_iter()), 1.0);
-    }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::attribute::attribution::{Explanation, attribute};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
 use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
@@ -125,4 +126,24 @@ impl Predictor for Straight {
             variance: vec![self.variance; 3],
         }
     }
+}
+
+/// What is found of a measurement with this noise.
+pub fn found(values: Vec<f64>, noise: f64) -> Vec<Explanation> {
+    let (predictor, prior) = (Straight::new(), Straight::prior());
+    let observations = Straight::observations(values);
+    let noise = Some(vec![vec![noise; STEPS]]);
+    let problem =
+        Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+    attribute(&problem, 1, 1).unwrap().explanations
+}
+
+/// Hypotheses by name as likely as that, of which nothing else is known yet.
+pub fn as_likely<const N: usize>(likely: [(&str, f64); N]) -> [Explanation; N] {
+    let all = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
+    likely.map(|(name, probability)| {
+        let of = all.iter().find(|of| of.name == name).unwrap().clone();
+        let ln_weight = probability.max(1e-6).ln();
+        Explanation { probability, ln_weight, fits: None, closes: 0.0, is_vague: false, ..of }
+    })
 }

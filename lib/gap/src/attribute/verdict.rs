@@ -8,19 +8,16 @@ use crate::attribute::attribution::lean::Lean;
 use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::rest::{GoesWith, goes_with};
 use crate::attribute::attribution::told::{Told, told};
-use crate::attribute::attribution::untried::{KNOWN, Untried, ignorance};
-use crate::attribute::attribution::{Attribution, Explanation, MOST, RuledOut, UNEXPLAINED};
+use crate::attribute::attribution::untried::Untried;
+use crate::attribute::attribution::{Attribution, Explanation, RuledOut, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
-use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, is_part, name};
 use crate::attribute::problem::path::short;
+use crate::attribute::settled::{SETTLED, base_fits, is_clear_of_unknown, is_settled, may_close};
 use crate::noise::OTHER_NOISE;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
-
-/// Below this probability a hypothesis is not settled.
-const SETTLED: f64 = 0.8;
 
 /// An effect that closes less of the gap than this is not worth naming where something unknown comes first.
 const LITTLE: f64 = 0.05;
@@ -94,16 +91,6 @@ pub fn verdict(
     Ok(verdicts)
 }
 
-/// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
-/// first, and what is not known of it; of those that close most of it, or with which the measurement is as likely.
-fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, &Untried)> {
-    let explanations = &diagnosis.attribution.explanations;
-    let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of));
-    let open =
-        untried.filter(|(of, untried)| untried.closes >= MOST || of.is_as_likely_as(diagnosis.first()));
-    open.max_by(|a, b| a.1.closes.total_cmp(&b.1.closes))
-}
-
 /// Effects that nothing can be said of yet, though something unknown comes first.
 fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
     let (untried, explanations) = (&diagnosis.untried, &diagnosis.attribution.explanations);
@@ -157,16 +144,10 @@ fn add_lean(verdicts: &mut Verdicts, lean: &Lean, diagnosis: &Diagnosis, bounds:
     ));
 }
 
-/// Whether an explanation fits only by a noise that is larger than another one needs.
-fn needs_more_noise(problem: &Problem<'_>, of: &Explanation, than: &Explanation) -> bool {
-    let scales = |of: &Explanation| of.model(problem).nuisances(of.best()).scales;
-    scales(of).iter().zip(scales(than)).any(|(of, than)| *of > OTHER_NOISE * than)
-}
-
 /// The cause, or why there is none.
 fn add_cause(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, seed: u64) -> Result<()> {
     let first = diagnosis.first();
-    let is_settled = diagnosis.stated() >= SETTLED && diagnosis.leans.is_empty();
+    let is_settled = is_settled(problem, diagnosis);
     if diagnosis.is_unproven() {
         add_unproven(verdicts, problem, diagnosis);
     } else if first.is_cause() {
@@ -191,7 +172,7 @@ fn add_none(verdicts: &mut Verdicts, first: &Explanation, is_settled: bool) {
             short(first.noise_scale)
         );
     }
-    verdicts.add(if is_settled && !is_doubted { "none" } else { "unsettled" }, "none", text);
+    verdicts.add(if is_settled { "none" } else { "unsettled" }, "none", text);
 }
 
 /// That something unknown comes first, and which effects come nearest.
@@ -296,12 +277,7 @@ fn add_effects(
     let first = diagnosis.first();
     let (effects, probability) = (name(&first.hypothesis, &problem.candidates), diagnosis.stated());
     let base = diagnosis.attribution.base();
-    let is_fit = base.fits.is_some_and(|fits| fits > FITS)
-        && !needs_more_noise(problem, base, first)
-        && ignorance(problem, base) <= KNOWN;
     let is_part = first.has_rest && !first.closes_most();
-    let is_clear = diagnosis.attribution.unknown().is_none_or(|unknown| first.is_clear_of(unknown));
-    let is_settled = is_settled && is_clear && !is_fit;
     let code = match (is_settled, first.has_rest) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
@@ -319,7 +295,7 @@ fn add_effects(
         format!(
             "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}",
             percent(first.closes),
-            if is_clear { "" } else { ", or all of it" },
+            if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
             rest_places(problem, first)
         )
     } else {
@@ -344,7 +320,7 @@ fn add_effects(
         closes.median,
         format!("adding it should close {} %{interval} of the gap{units}", percent(closes.median)),
     );
-    if is_fit {
+    if base_fits(problem, diagnosis) {
         verdicts.add("base-fits", &effects, format!(
             "but the base model fits as well as noise and scatter allow: {effects} is more probable than not to be there, and nothing has to be explained by it"
         ));
@@ -631,24 +607,6 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_that_is_not_known_may_close_the_gap_if_it_closes_most_or_is_as_likely() {
-        let (predictor, prior) = (Straight::unsure(2.5e-3), Straight::prior());
-        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let problem = predictor.problem(&prior, &observations);
-        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
-        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
-        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
-        let unknown = diagnosis.first().evidence.ln;
-        let place = diagnosis.untried[0].place;
-        let mut may_close_by = |closes: f64, ahead: f64| {
-            diagnosis.untried[0].closes = closes;
-            diagnosis.attribution.explanations[place].evidence.ln = unknown + ahead;
-            may_close(&diagnosis).is_some()
-        };
-        assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));
-    }
-
-    #[test]
     fn something_unknown_is_not_settled_beside_an_effect_with_which_the_measurement_is_as_likely() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
@@ -739,6 +697,22 @@ mod tests {
         let (code, text) = answer(9.0);
         assert!(code == "unsettled" && text.contains("wave may be in it (0.85)"), "{text}");
         assert!(text.contains("something else makes the rest, or all of it"), "{text}");
+    }
+
+    #[test]
+    fn a_share_that_is_another_in_units_of_noise_says_its_units() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let said = |closes: f64| {
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations[0].closes = closes;
+            let mut verdicts = Verdicts::default();
+            add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            verdicts.find("closes").unwrap().text.clone()
+        };
+        assert_eq!(said(0.97), "adding it should close 100 % of the gap");
+        let units = ", each observable as a share of its range; 60 % in units of its noise";
+        assert_eq!(said(0.6), format!("adding it should close 100 % of the gap{units}"));
     }
 
     #[test]

@@ -1,0 +1,356 @@
+//! What evidence alone does not settle: the probability of hypotheses that do not fit, close little of the gap, leave much to
+//! something else, or take a noise that was not believed.
+//!
+//! A rule is a function that moves probability, in the order of [`rule_out`] and of the table in docs/design.md.
+
+use std::cmp::Reverse;
+
+use crate::attribute::attribution::{BEHIND, Explanation, RuledOut};
+use crate::attribute::evidence::adequacy::INADEQUATE;
+use crate::attribute::evidence::model::SD_OF_LN_NOISE;
+use crate::attribute::problem::hypothesis::is_part;
+
+/// What is kept of the probability of effects by the share of the gap that they close by themselves; in between in
+/// proportion. What closes little is no part of the cause, and explains nothing where it is alone. What closes half beside
+/// something else, a rest or more noise than was stated, may be one, or may imitate something that is no candidate, and is not
+/// settled. On which seeds these numbers were chosen is in docs/diagnosis-accuracy.md.
+const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
+
+/// The same of several effects together, which imitate more.
+const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
+
+/// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
+/// themselves: what leaves more than it closes is likelier a part of something unknown that it imitates. One that closes seven
+/// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What nothing smooth imitates is ahead
+/// of a rest alone by tens, and hardly notices.
+const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (0.7, 0.0)];
+
+/// Beyond so many ln odds something unknown alone is out of the question, after all that an effect beside a rest loses.
+const FAR_AHEAD: f64 = 20.0;
+
+/// What is kept of the probability of something unknown where the base model fits, and there is no sign of it.
+const WITHOUT_A_SIGN: f64 = 0.4;
+
+/// Share of the probability of the base model that goes to something unknown, by how much larger its noise is than what was
+/// stated, in standard deviations of what is believed of the logarithm: what is as rough as noise looks like it.
+const DOUBTED: [(f64, f64); 2] = [(2.0, 0.0), (3.0, 0.5)];
+
+/// The second coordinate on a line through points in ascending order, level beyond its ends.
+fn along(points: &[(f64, f64)], x: f64) -> f64 {
+    let rises = points.windows(2).map(|ends| {
+        let [(x0, y0), (x1, y1)] = [ends[0], ends[1]];
+        (y1 - y0) * ((x - x0) / (x1 - x0)).clamp(0.0, 1.0)
+    });
+    points[0].1 + rises.sum::<f64>()
+}
+
+impl Explanation {
+    /// What is kept of its probability beside something else, by the share of the gap that it closes.
+    fn kept(&self) -> f64 {
+        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
+    }
+
+    /// What is kept of its probability where it is alone: all of it where the emulator cannot say how much it closes.
+    fn kept_alone(&self) -> f64 {
+        let is_asked = self.is_cause() && !self.may_have_rest() && !self.is_vague;
+        if is_asked { along(&CLOSES, self.closes) } else { 1.0 }
+    }
+
+    /// Whether it is a single effect beside a rest that is so far ahead of something unknown alone that it is in it, whatever else
+    /// is: what is no candidate is not imitated like that by what closes anything.
+    fn is_far_ahead(&self, unknown: &Self) -> bool {
+        let is_single = self.has_rest && self.hypothesis.len() == 1;
+        is_single && self.kept() > 0.0 && self.ahead_of(unknown) > FAR_AHEAD
+    }
+
+    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead.
+    pub fn is_clear_of(&self, unknown: &Self) -> bool {
+        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || self.ahead_of(unknown) > BEHIND
+    }
+
+    /// ln odds by which it is ahead of something unknown alone, after what it loses.
+    fn ahead_of(&self, unknown: &Self) -> f64 {
+        self.ln_weight - unknown.ln_weight - self.lost()
+    }
+
+    /// ln odds that it loses, since its effects leave as much to something else as they do.
+    pub(super) fn lost(&self) -> f64 {
+        if self.is_cause() && self.may_have_rest() && !self.is_vague {
+            along(&LEAVES_MUCH, self.closes)
+        } else {
+            0.0
+        }
+    }
+
+    /// Share of its probability that is doubted, since it takes a noise that was not believed.
+    pub fn doubted(&self) -> f64 {
+        along(&DOUBTED, self.noise_scale.ln() / SD_OF_LN_NOISE)
+    }
+}
+
+/// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
+/// nothing from the effects that are in. It goes to what is likelier then, and is one in all as before.
+pub(super) fn rule_out(all: &mut [Explanation]) {
+    give_misfits_a_rest(all);
+    let Some(unknown) = place_of(all, &[], true) else { return };
+    doubt_the_noise(all, unknown);
+    // Where the base model fits there is nothing to close, and an effect may be in and not show.
+    if all.iter().any(|of| of.is_base() && of.fits_well()) {
+        all[unknown].probability *= WITHOUT_A_SIGN;
+    } else {
+        take_from_what_explains_nothing(all);
+    }
+    take_from_what_leaves_much(all);
+    normalise(all);
+    give_what_is_not_closed_to_something_unknown(all, unknown);
+    // A sum of shares is one by rounding only.
+    all.iter_mut().for_each(|of| of.probability = of.probability.min(1.0));
+}
+
+/// The place of these effects, with a rest or without.
+fn place_of(all: &[Explanation], hypothesis: &[usize], has_rest: bool) -> Option<usize> {
+    all.iter().position(|of| of.has_rest == has_rest && of.hypothesis == hypothesis)
+}
+
+/// Move probability from one to another.
+fn give(all: &mut [Explanation], from: usize, to: usize, probability: f64) {
+    all[from].probability -= probability;
+    all[to].probability += probability;
+}
+
+/// What does not fit without a rest is as likely with one.
+fn give_misfits_a_rest(all: &mut [Explanation]) {
+    for place in 0..all.len() {
+        let of = &all[place];
+        if of.has_rest || of.fits.is_none_or(|fits| fits >= INADEQUATE) {
+            continue;
+        }
+        let with_rest = place_of(all, &of.hypothesis, true);
+        all[place].ruled_out = Some(RuledOut::Misfit);
+        let taken = std::mem::take(&mut all[place].probability);
+        if let Some(with_rest) = with_rest {
+            all[with_rest].probability += taken;
+        }
+    }
+}
+
+/// A base model with a noise that was not believed is as likely something unknown.
+fn doubt_the_noise(all: &mut [Explanation], unknown: usize) {
+    if let Some(base) = place_of(all, &[], false) {
+        let doubted = all[base].probability * all[base].doubted();
+        give(all, base, unknown, doubted);
+    }
+}
+
+/// Effects that close little without a rest explain nothing.
+fn take_from_what_explains_nothing(all: &mut [Explanation]) {
+    for of in all {
+        let kept = of.kept_alone();
+        if kept == 0.0 {
+            of.ruled_out.get_or_insert(RuledOut::ClosesLittle);
+        }
+        of.probability *= kept;
+    }
+}
+
+/// Effects that leave as much to something else as they do are likelier a part of it.
+fn take_from_what_leaves_much(all: &mut [Explanation]) {
+    all.iter_mut().for_each(|of| of.probability *= (-of.lost()).exp());
+}
+
+fn normalise(all: &mut [Explanation]) {
+    let whole: f64 = all.iter().map(|of| of.probability).sum();
+    all.iter_mut().for_each(|of| of.probability /= whole);
+}
+
+/// What effects do not close beside something else is something unknown; or one of them alone that is far ahead, or the same
+/// effects without a rest where that is hardly needed.
+fn give_what_is_not_closed_to_something_unknown(all: &mut [Explanation], unknown: usize) {
+    // Several effects first, since what they lose may go to one of them.
+    let mut places: Vec<usize> = (0..all.len()).collect();
+    places.sort_by_key(|&place| Reverse(all[place].hypothesis.len()));
+    for place in places {
+        let of = &all[place];
+        if !of.is_cause() || !of.may_have_rest() || of.is_far_ahead(&all[unknown]) {
+            continue;
+        }
+        let kept = of.kept();
+        let taken = of.probability * (1.0 - kept);
+        let heir = heir(all, of, &all[unknown]).unwrap_or(unknown);
+        let alone = place_of(all, &of.hypothesis, false);
+        let alone = alone.filter(|&alone| of.has_rest && all[alone].probability > 0.0);
+        let share = alone.map_or(0.0, |alone| {
+            all[alone].kept() * of_alone(all[alone].ln_weight, of.ln_weight, all[unknown].ln_weight)
+        });
+        if kept == 0.0 {
+            all[place].ruled_out.get_or_insert(RuledOut::ClosesLittle);
+        }
+        if let Some(alone) = alone {
+            give(all, place, alone, share * taken);
+        }
+        give(all, place, heir, (1.0 - share) * taken);
+    }
+}
+
+/// What is taken from effects with a rest, since they close little beside it, goes to something unknown, unless the same
+/// effects do without the rest, by their ln weights: this share goes to them.
+fn of_alone(alone: f64, with_rest: f64, unknown: f64) -> f64 {
+    /// Odds from which on a rest is needed.
+    const NEEDED: f64 = 20.0;
+    let hardly_needed = 1.0 / (1.0 + (with_rest - alone).exp() / NEEDED);
+    hardly_needed / (1.0 + (unknown - alone).exp())
+}
+
+/// The likeliest of several effects that is [far ahead](Explanation::is_far_ahead) of something unknown: what they do not keep
+/// together is its.
+fn heir(explanations: &[Explanation], several: &Explanation, unknown: &Explanation) -> Option<usize> {
+    let is_one =
+        |of: &Explanation| several.hypothesis.len() > 1 && is_part(&of.hypothesis, &several.hypothesis);
+    let ahead = explanations.iter().enumerate().filter(|(_, of)| is_one(of) && of.is_far_ahead(unknown));
+    ahead.max_by(|a, b| a.1.ln_weight.total_cmp(&b.1.ln_weight)).map(|(place, _)| place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribute::synthetic_world::{Straight, as_likely, found};
+    use crate::noise::OTHER_NOISE;
+
+    #[test]
+    fn an_effect_that_closes_half_is_likelier_than_not_and_not_settled() {
+        let kept = [0.1, 0.15, 0.25, 0.35, 0.625, 0.9, 1.0].map(|closes| along(&CLOSES, closes));
+        let expected = [0.0, 0.0, 0.3, 0.6, 0.8, 1.0, 1.0];
+        assert!(kept.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
+    }
+
+    #[test]
+    fn several_effects_must_close_more_than_one() {
+        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01).remove(0);
+        let kept = |effects: usize, closes: f64| {
+            Explanation { hypothesis: (0..effects).collect(), closes, ..any.clone() }.kept()
+        };
+        for closes in [0.0, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95] {
+            let (together, alone) = (kept(2, closes), kept(1, closes));
+            assert!(together <= alone && (closes < 0.2 || together < alone), "{closes}");
+        }
+        assert_eq!(kept(2, 1.0), 1.0);
+    }
+
+    #[test]
+    fn what_leaves_half_as_much_as_it_does_must_be_far_ahead_of_something_unknown() {
+        // Ahead of something unknown by so much, and closing so much.
+        let probability = |ahead: f64, closes: f64| {
+            let effect = 1.0 / (1.0 + (-ahead).exp());
+            let mut all =
+                as_likely([("none", 0.0), ("wave+unexplained", effect), ("unexplained", 1.0 - effect)]);
+            (all[1].closes, all[1].ln_weight) = (closes, all[2].ln_weight + ahead);
+            rule_out(&mut all);
+            assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+            all[1].probability
+        };
+        let kept = |closes: f64| along(&CLOSES, closes);
+        assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
+        // Six nats at a half and below, three at six tenths, none from seven on: four are too few at a half, and thirty are
+        // enough.
+        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.6), (0.0, 0.7)] {
+            assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
+        }
+        assert!(probability(4.0, 0.5) < 0.1);
+        assert!((probability(25.0, 0.5) - kept(0.5)).abs() < 1e-6);
+        // What is far ahead is in it, however much else is, if it closes anything.
+        assert!((probability(30.0, 0.3) - 1.0).abs() < 1e-6 && probability(30.0, 0.1) == 0.0);
+    }
+
+    #[test]
+    fn what_two_effects_do_not_keep_is_that_one_s_of_them_without_which_it_cannot_be() {
+        // The pair closes seven tenths, of which it keeps a half; one of it is ahead of something unknown by so much.
+        let probabilities = |ahead: f64| {
+            let mut all =
+                as_likely([("wave+unexplained", 0.0), ("unexplained", 0.0), ("wave+unexplained", 1.0)]);
+            all[2].hypothesis.push(1);
+            for (of, (closes, ln_weight)) in all.iter_mut().zip([(0.7, ahead), (0.0, 0.0), (0.7, ahead)]) {
+                (of.closes, of.ln_weight) = (closes, ln_weight);
+            }
+            rule_out(&mut all);
+            all.map(|of| of.probability)
+        };
+        assert_eq!(probabilities(19.0), [0.0, 0.5, 0.5]);
+        assert_eq!(probabilities(21.0), [0.5, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn something_unknown_alone_is_no_rival_to_what_is_well_ahead_or_closes_nearly_all() {
+        let is_clear = |name: &str, closes: f64, ahead: f64| {
+            let [mut of, mut unknown] = as_likely([(name, 0.9), ("unexplained", 0.1)]);
+            (of.closes, of.ln_weight, unknown.ln_weight) = (closes, ahead, 0.0);
+            of.is_clear_of(&unknown)
+        };
+        assert!(is_clear("wave+unexplained", 0.8, 11.0) && !is_clear("wave+unexplained", 0.8, 9.0));
+        assert!(!is_clear("wave+unexplained", 0.6, 11.0), "it loses three");
+        assert!(is_clear("wave+unexplained", 0.9, 1.0) && is_clear("wave", 0.8, 1.0));
+    }
+
+    #[test]
+    fn a_base_model_whose_noise_is_not_believed_is_as_likely_something_unknown() {
+        let probabilities = |noise_scale: f64| {
+            let mut all = as_likely([("none", 0.8), ("wave", 0.0), ("unexplained", 0.2)]);
+            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
+            rule_out(&mut all);
+            [all[0].probability, all[2].probability]
+        };
+        assert_eq!(probabilities(2.0), [0.8, 0.2]);
+        // Two and a half standard deviations of a half are a factor of 3.5; three, of 4.5.
+        let [none, unexplained] = probabilities(1.25f64.exp());
+        assert!((none - 0.6).abs() < 1e-12 && (unexplained - 0.4).abs() < 1e-12, "{none} {unexplained}");
+        assert!((probabilities(6.0)[0] - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_leaves_the_gap_as_it_is_is_no_cause_unless_the_emulator_does_not_know_it() {
+        // Nine times as likely as the base model, without a rest or beside one.
+        let probability = |name: &str, closes: f64, is_vague: bool| {
+            let mut all = as_likely([("none", 0.1), (name, 0.9), ("unexplained", 0.0)]);
+            (all[1].closes, all[1].is_vague) = (closes, is_vague);
+            rule_out(&mut all);
+            assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
+            all[1].probability
+        };
+        assert_eq!(probability("wave", 0.1, false), 0.0);
+        assert!((probability("wave", 0.35, false) - 0.54 / 0.64).abs() < 1e-12);
+        for (closes, is_vague) in [(0.95, false), (0.1, true)] {
+            assert!((probability("wave", closes, is_vague) - 0.9).abs() < 1e-12);
+        }
+        assert!(probability("wave+unexplained", 0.5, false) < 0.02);
+        let kept = along(&CLOSES, 0.6);
+        assert!((probability("wave+unexplained", 0.6, true) - 0.9 * kept).abs() < 1e-12);
+    }
+
+    #[test]
+    fn where_there_is_no_gap_an_effect_may_be_in_and_close_nothing() {
+        let probabilities = |fits: f64, has_more_noise: bool| {
+            let mut all = as_likely([("none", 0.5), ("wave", 0.3), ("unexplained", 0.2)]);
+            let noise_scale = if has_more_noise { 1.1 * OTHER_NOISE } else { 1.0 };
+            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
+            all[0].fits = Some(fits);
+            rule_out(&mut all);
+            all.map(|of| of.probability)
+        };
+        // Nor is there a sign of something unknown.
+        let expected = [0.5, 0.3, 0.08].map(|weight| weight / 0.88);
+        assert!(probabilities(0.5, false).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
+        // The base model fits badly, or with more noise than was stated alone.
+        let [none, wave, unexplained] = probabilities(0.02, false);
+        assert!(wave == 0.0 && (unexplained / none - 0.4).abs() < 1e-12);
+        assert_eq!(probabilities(0.5, true)[1], 0.0);
+    }
+
+    #[test]
+    fn what_hardly_needs_a_rest_loses_nothing_by_it() {
+        // As likely as with a rest, and far likelier than something unknown alone.
+        assert!((of_alone(0.0, 0.0, -60.0) - 20.0 / 21.0).abs() < 1e-12);
+        assert!((of_alone(0.0, 0.0, 0.0) - 10.0 / 21.0).abs() < 1e-12);
+        // A rest is needed: something unknown is at work, and the effect closes little of it.
+        assert!(of_alone(-20.0, 0.0, -30.0) < 1e-6);
+        assert!(of_alone(f64::NEG_INFINITY, 0.0, -30.0) == 0.0);
+    }
+}

@@ -1,0 +1,82 @@
+//! Whether a diagnosis is settled: what it would take to say it without reserve.
+
+use crate::attribute::attribution::untried::{KNOWN, Untried, ignorance};
+use crate::attribute::attribution::{Explanation, MOST};
+use crate::attribute::diagnosis::Diagnosis;
+use crate::attribute::evidence::adequacy::FITS;
+use crate::attribute::problem::Problem;
+use crate::noise::OTHER_NOISE;
+
+/// Below this probability a hypothesis is not settled.
+pub const SETTLED: f64 = 0.8;
+
+/// Whether what comes first is settled: probable, shown by runs, within the bounds, and without a rival that is not ruled out.
+pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
+    let first = diagnosis.first();
+    if diagnosis.stated() < SETTLED || !diagnosis.leans.is_empty() || diagnosis.is_unproven() {
+        false
+    } else if first.is_cause() {
+        is_clear_of_unknown(diagnosis) && !base_fits(problem, diagnosis)
+    } else if first.has_rest {
+        may_close(diagnosis).is_none() && diagnosis.confounded().is_none()
+    } else {
+        first.doubted() == 0.0
+    }
+}
+
+/// Whether something unknown alone is no rival to what comes first.
+pub fn is_clear_of_unknown(diagnosis: &Diagnosis) -> bool {
+    diagnosis.attribution.unknown().is_none_or(|unknown| diagnosis.first().is_clear_of(unknown))
+}
+
+/// Whether the base model fits as well as what comes first, so that nothing has to be explained.
+pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
+    let base = diagnosis.attribution.base();
+    base.fits.is_some_and(|fits| fits > FITS)
+        && !needs_more_noise(problem, base, diagnosis.first())
+        && ignorance(problem, base) <= KNOWN
+}
+
+/// Whether an explanation fits only by a noise that is larger than another one needs.
+fn needs_more_noise(problem: &Problem<'_>, of: &Explanation, than: &Explanation) -> bool {
+    let scales = |of: &Explanation| of.model(problem).nuisances(of.best()).scales;
+    scales(of).iter().zip(scales(than)).any(|(of, than)| *of > OTHER_NOISE * than)
+}
+
+/// The effect that closes most of the gap of those that the emulator knows too little of, where something unknown comes
+/// first, and what is not known of it; of those that close most of it, or with which the measurement is as likely.
+pub fn may_close(diagnosis: &Diagnosis) -> Option<(&Explanation, &Untried)> {
+    let explanations = &diagnosis.attribution.explanations;
+    let untried = diagnosis.untried.iter().map(|of| (&explanations[of.place], of));
+    let open =
+        untried.filter(|(of, untried)| untried.closes >= MOST || of.is_as_likely_as(diagnosis.first()));
+    open.max_by(|a, b| a.1.closes.total_cmp(&b.1.closes))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::attribution::untried::untried;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn an_effect_that_is_not_known_may_close_the_gap_if_it_closes_most_or_is_as_likely() {
+        let (predictor, prior) = (Straight::unsure(2.5e-3), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
+        let unknown = diagnosis.first().evidence.ln;
+        let place = diagnosis.untried[0].place;
+        let mut may_close_by = |closes: f64, ahead: f64| {
+            diagnosis.untried[0].closes = closes;
+            diagnosis.attribution.explanations[place].evidence.ln = unknown + ahead;
+            may_close(&diagnosis).is_some()
+        };
+        assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));
+    }
+}
