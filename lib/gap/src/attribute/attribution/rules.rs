@@ -20,10 +20,11 @@ const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
 /// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
-/// themselves: what leaves more than it closes is likelier a part of something unknown that it imitates. One that closes seven
-/// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What nothing smooth imitates is ahead
-/// of a rest alone by tens, and hardly notices.
-const LEAVES_MUCH: [(f64, f64); 2] = [(0.5, 6.0), (0.7, 0.0)];
+/// themselves: what leaves as much as it closes is likelier a part of something unknown that it imitates. One that closes seven
+/// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What closes less than half is no
+/// answer alone, since something else is said to make most of it, and loses less. What nothing smooth imitates is ahead of a
+/// rest alone by tens, and hardly notices.
+const LEAVES_MUCH: [(f64, f64); 3] = [(0.35, 2.0), (0.5, 6.0), (0.7, 0.0)];
 
 /// Beyond so many ln odds something unknown alone is out of the question, after all that an effect beside a rest loses.
 const FAR_AHEAD: f64 = 20.0;
@@ -112,12 +113,6 @@ fn place_of(all: &[Explanation], hypothesis: &[usize], has_rest: bool) -> Option
     all.iter().position(|of| of.has_rest == has_rest && of.hypothesis == hypothesis)
 }
 
-/// Move probability from one to another.
-fn give(all: &mut [Explanation], from: usize, to: usize, probability: f64) {
-    all[from].probability -= probability;
-    all[to].probability += probability;
-}
-
 /// What does not fit without a rest is as likely with one.
 fn give_misfits_a_rest(all: &mut [Explanation]) {
     for place in 0..all.len() {
@@ -138,7 +133,8 @@ fn give_misfits_a_rest(all: &mut [Explanation]) {
 fn doubt_the_noise(all: &mut [Explanation], unknown: usize) {
     if let Some(base) = place_of(all, &[], false) {
         let doubted = all[base].probability * all[base].doubted();
-        give(all, base, unknown, doubted);
+        all[base].probability -= doubted;
+        all[unknown].probability += doubted;
     }
 }
 
@@ -185,10 +181,12 @@ fn give_what_is_not_closed_to_something_unknown(all: &mut [Explanation], unknown
         if kept == 0.0 {
             all[place].ruled_out.get_or_insert(RuledOut::ClosesLittle);
         }
+        // All of it at once: what keeps nothing has nothing, to the last digit.
+        all[place].probability -= taken;
         if let Some(alone) = alone {
-            give(all, place, alone, share * taken);
+            all[alone].probability += share * taken;
         }
-        give(all, place, heir, (1.0 - share) * taken);
+        all[heir].probability += (1.0 - share) * taken;
     }
 }
 
@@ -224,6 +222,18 @@ mod tests {
     }
 
     #[test]
+    fn what_keeps_nothing_has_nothing_to_the_last_digit() {
+        let mut start = as_likely([("wave", 0.1), ("wave+unexplained", 0.6), ("unexplained", 0.3)]);
+        start[0].closes = 0.4;
+        for more in 0..50 {
+            let mut all = start.clone();
+            all[1].probability += 0.007 * f64::from(more);
+            rule_out(&mut all);
+            assert_eq!(all[1].probability, 0.0, "{more}");
+        }
+    }
+
+    #[test]
     fn several_effects_must_close_more_than_one() {
         let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01).remove(0);
         let kept = |effects: usize, closes: f64| {
@@ -250,9 +260,9 @@ mod tests {
         };
         let kept = |closes: f64| along(&CLOSES, closes);
         assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Six nats at a half and below, three at six tenths, none from seven on: four are too few at a half, and thirty are
-        // enough.
-        for (ahead, closes) in [(6.0, 0.5), (6.0, 0.4), (3.0, 0.6), (0.0, 0.7)] {
+        // Two nats up to 0.35, six at a half, three at six tenths, none from seven on: four are too few at a half, and thirty
+        // are enough.
+        for (ahead, closes) in [(2.0, 0.3), (4.0, 0.425), (6.0, 0.5), (3.0, 0.6), (0.0, 0.7)] {
             assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
         }
         assert!(probability(4.0, 0.5) < 0.1);
