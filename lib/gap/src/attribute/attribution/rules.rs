@@ -162,9 +162,10 @@ fn normalise(all: &mut [Explanation]) {
 /// What effects do not close beside something else is something unknown; or one of them alone that is far ahead, or the same
 /// effects without a rest where that is hardly needed.
 fn give_what_is_not_closed_to_something_unknown(all: &mut [Explanation], unknown: usize) {
-    // Several effects first, since what they lose may go to one of them.
+    // Several effects first, since what they lose may go to one of them; then those without a rest, since what the same
+    // effects lose beside one may go to these.
     let mut places: Vec<usize> = (0..all.len()).collect();
-    places.sort_by_key(|&place| Reverse(all[place].hypothesis.len()));
+    places.sort_by_key(|&place| (Reverse(all[place].hypothesis.len()), all[place].has_rest));
     for place in places {
         let of = &all[place];
         if !of.is_cause() || !of.may_have_rest() || of.is_far_ahead(&all[unknown]) {
