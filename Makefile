@@ -85,7 +85,8 @@ diagnose: build
 ##                                  CONDITION=remainder-2: what is otherwise than assumed, or all of them: CONDITION=all
 ##                                  (as stated with SEED, the next with the seed after it, and so on),
 ##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures,
-##                                  NO_CANDIDATE=yes: of these cases those whose effect is no candidate
+##                                  NO_CANDIDATE=yes: of these cases those whose effect is no candidate;
+##                                  `withheld weigh out/withheld/*` weighs them by other rules, without runs
 CASES ?= 200
 WORLDS ?= contact triaxial
 CONDITION ?= as-stated
