@@ -710,9 +710,9 @@ mod tests {
             add_cause(&mut verdicts, &problem, &diagnosis, 1).unwrap();
             verdicts.find("closes").unwrap().text.clone()
         };
-        assert_eq!(said(0.97), "adding it should close 100 % of the gap");
+        assert_eq!(said(0.97), "adding it should close 100 % (99 to 100 %) of the gap");
         let units = ", each observable as a share of its range; 60 % in units of its noise";
-        assert_eq!(said(0.6), format!("adding it should close 100 % of the gap{units}"));
+        assert_eq!(said(0.6), format!("adding it should close 100 % (99 to 100 %) of the gap{units}"));
     }
 
     #[test]

@@ -145,9 +145,9 @@ fn recalibrated(
 pub struct Foretold {
     /// Median.
     pub median: f64,
-    /// 5 % quantile.
+    /// 5 % quantile, less what no draw shows.
     pub low: f64,
-    /// 95 % quantile.
+    /// 95 % quantile, and what no draw shows.
     pub high: f64,
 }
 
@@ -162,6 +162,10 @@ pub struct Fitted<'a> {
 }
 
 const DRAWS: usize = 400;
+
+/// How far a shrink may lie from all draws of it: the calibration that is to come ends somewhere in its posterior, and the
+/// emulator's components leave something out.
+const RESOLUTION: f64 = 0.005;
 
 /// Predict how far the gap shrinks from one model to another, should the second be right.
 ///
@@ -205,7 +209,8 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
         })
         .collect();
     let quantiles = Quantiles::new(&shrinks, &vec![1.0 / DRAWS as f64; DRAWS]);
-    Ok(Foretold { median: quantiles.at(0.5), low: quantiles.at(0.05), high: quantiles.at(0.95) })
+    let (low, high) = (quantiles.at(0.05) - RESOLUTION, quantiles.at(0.95) + RESOLUTION);
+    Ok(Foretold { median: quantiles.at(0.5), low: low.max(0.0), high: high.min(1.0) })
 }
 
 /// Draws of the squares of the noise over those of these scales, shape (draws, observables + 1), the scatter's behind them,
