@@ -19,6 +19,7 @@ pub mod rules;
 pub mod told;
 pub mod untried;
 pub mod visible;
+pub mod yardstick;
 
 use anyhow::Result;
 use rand::SeedableRng;

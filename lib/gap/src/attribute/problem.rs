@@ -235,17 +235,29 @@ impl<'a> Problem<'a> {
     pub fn measurement_errors(&self, scales: &[f64]) -> DMatrix<f64> {
         let sd: Vec<f64> =
             self.units.iter().zip(&self.observable_of).map(|(unit, &j)| scales[j] * unit).collect();
-        let variance: Vec<f64> = self.component_scatter.iter().map(|tau| self.scatter * tau).collect();
-        self.factor(&variance, &sd)
+        self.factor(&self.variance_of_scatter(), &sd)
+    }
+
+    /// A factor of the covariance of the scatter, shape (readings, components).
+    pub fn scatter_patterns(&self) -> DMatrix<f64> {
+        self.correlated(&self.variance_of_scatter())
+    }
+
+    /// Variance of each component from specimen to specimen, of the measured one.
+    fn variance_of_scatter(&self) -> Vec<f64> {
+        self.component_scatter.iter().map(|tau| self.scatter * tau).collect()
+    }
+
+    /// A factor of the covariance of components of these variances, shape (readings, components).
+    fn correlated(&self, variance: &[f64]) -> DMatrix<f64> {
+        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+        self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation
     }
 
     /// Correlated components of these variances, and independent readings of these deviations.
     fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
-        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
         let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
-        factor
-            .columns_mut(0, variance.len())
-            .copy_from(&(self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation));
+        factor.columns_mut(0, variance.len()).copy_from(&self.correlated(variance));
         for (i, sd) in sd.iter().enumerate() {
             factor[(i, variance.len() + i)] = *sd;
         }
@@ -328,9 +340,13 @@ impl<'a> Problem<'a> {
 
     /// Root-mean-square of noise and scatter of an observable; `scales` are those of the noise, in its units.
     pub fn spread(&self, observable: usize, scales: &[f64]) -> f64 {
+        (self.noise_variance(observable, scales[observable]) + self.scatter_variance[observable]).sqrt()
+    }
+
+    /// Mean variance of the noise of an observable, of which this is the scale in its units.
+    pub fn noise_variance(&self, observable: usize, scale: f64) -> f64 {
         let own = &self.units[self.own(observable)];
-        let noise = scales[observable].powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64;
-        (noise + self.scatter_variance[observable]).sqrt()
+        scale.powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64
     }
 }
 

@@ -15,6 +15,7 @@ pub struct Straight {
     basis: DMatrix<f64>,
     left_over: Vec<f64>,
     variance: f64,
+    scatter: Vec<f64>,
 }
 
 pub const STEPS: usize = 30;
@@ -31,7 +32,12 @@ impl Straight {
     /// Known to this variance of each component.
     pub fn unsure(variance: f64) -> Self {
         let basis = DMatrix::from_fn(STEPS, 3, |t, i| [1.0, x(t), (6.0 * x(t)).sin()][i]);
-        Self { basis, left_over: vec![0.0; STEPS], variance }
+        Self { basis, left_over: vec![0.0; STEPS], variance, scatter: vec![0.0; 3] }
+    }
+
+    /// Of which a scatters with this variance from run to run.
+    pub fn scattering(variance: f64) -> Self {
+        Self { scatter: vec![variance, 0.0, 0.0], ..Self::new() }
     }
 
     /// Parameters a, b and the effect's c, normal with mean 1 and sd 0.5 (c: mean 0, sd 1).
@@ -116,7 +122,7 @@ impl Predictor for Straight {
     }
 
     fn scatter(&self) -> Vec<f64> {
-        vec![0.0; 3]
+        self.scatter.clone()
     }
 
     fn predict(&self, point: &[f64]) -> Predicted {

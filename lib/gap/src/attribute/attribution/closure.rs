@@ -8,6 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::yardstick::Yardstick;
 use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
 use crate::attribute::evidence::mode::{Mode, standard_normal};
 use crate::attribute::evidence::model::Model;
@@ -29,12 +30,8 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
 /// # Errors
 /// If a curve or its covariance is not finite.
 pub fn floor(model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    floor_in(&model.problem().ranges, model, w)
-}
-
-/// The same in other units than the ranges, shape (observables,).
-fn floor_in(units: &[f64], model: &Model<'_>, w: &[f64]) -> Result<f64> {
-    let squares = left_of_noise(units, model, w, &model.nuisances(w).scales, (model, w))?;
+    let ranges = &model.problem().ranges;
+    let squares = left_of_noise(ranges, model, w, &model.nuisances(w).scales, (model, w))?;
     Ok(squares.iter().sum::<f64>().sqrt())
 }
 
@@ -91,8 +88,9 @@ pub fn left(before: f64, after: f64, floor: f64) -> f64 {
 
 /// Share of the base model's gap that the effects of an explanation close by themselves, fitted with the rest in
 /// the covariance if it has one: the gap that is left when the base parameters are calibrated again beside
-/// them, above what noise and scatter would give, of the gap before. Each observable counts in units of its noise and
-/// scatter: one that is noisy over its whole range has no gap to close. Readings that are far off do not count.
+/// them, above what noise and scatter would give, of the gap before. It is measured in units of [noise and
+/// scatter](Yardstick), by the one of the two yardsticks by which it closes more: an observable that is noisy over its whole
+/// range has no gap to close. Readings that are far off do not count.
 ///
 /// Neither goes beyond the bounds, nor further beyond what was believed than the explanation does: the base model
 /// closes no gap by what is not believed, and an effect closes none by what the base parameters do.
@@ -103,18 +101,23 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     let model = of.model(problem).plain();
     let w = &of.best()[..model.len()];
     let scales = model.nuisances(w).scales;
-    let units: Vec<f64> = (0..scales.len()).map(|j| problem.spread(j, &scales)).collect();
     let within = believed(problem, &problem.prior.base(), &model.point(w));
-    let left_by = |explanation: &Explanation| -> Result<f64> {
+    // In the metric of the one noise, so that the two are compared alike.
+    let left_by = |explanation: &Explanation| -> Result<DMatrix<f64>> {
         let own = explanation.model(problem).plain();
-        // In the metric of the one noise, so that the two are compared alike.
-        let left = recalibrated((&model, w), &own, &explanation.best()[..own.len()], &within)?.residual;
-        let counted = (0..left.len()).filter(|i| !of.outliers.contains(i));
-        let share = |i: usize| problem.counts(i) * (left[i] / units[problem.observable_of(i)]).powi(2);
-        let squares: Vec<f64> = counted.map(share).collect();
-        Ok((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+        let w = &explanation.best()[..own.len()];
+        Ok(recalibrated((&model, &of.best()[..model.len()]), &own, w, &within)?.residual)
     };
-    Ok(1.0 - left(left_by(base)?, left_by(of)?, floor_in(&units, &model, w)?))
+    let (before, after) = (left_by(base)?, left_by(of)?);
+    let mut errors = problem.measurement_errors(&scales);
+    absorb(&model, w, &model.gradient(w).1, &mut errors)?;
+    let closes_by = |yardstick: &Yardstick<'_>| {
+        let gap = |left: &DMatrix<f64>| yardstick.mean_square(left.as_slice()).sqrt();
+        let floor = errors.column_iter().map(|error| yardstick.mean_square(error.into_owned().as_slice()));
+        1.0 - left(gap(&before), gap(&after), floor.sum::<f64>().sqrt())
+    };
+    let of_readings = closes_by(&Yardstick::of_readings(problem, &scales, &of.outliers)?);
+    Ok(of_readings.max(closes_by(&Yardstick::of_shapes(problem, &scales, &of.outliers)?)))
 }
 
 /// Where parameters are believed to be, and as far beyond as a point is.
