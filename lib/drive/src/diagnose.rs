@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use gl_case::folders::{self, BASE, BASE_WIDER};
 use gl_case::{Case, Engine, Posterior, Test};
-use gl_gap::attribute::winner::winning_effects;
+use gl_gap::attribute::attribution::UNEXPLAINED;
+use gl_gap::attribute::winner::{most_probable, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -213,15 +214,23 @@ impl Diagnosis<'_> {
         Ok(Progress::Finished)
     }
 
+    /// What to say where no effect is put into the simulation.
+    fn why_none_is_put_in(&self) -> Result<&'static str> {
+        let (first, _) = most_probable(&Table::read(&self.file("attribution.txt"))?)?;
+        let is_unproven = Verdicts::read(&self.file("attribution-verdict.txt"))?.find("untried").is_some();
+        Ok(if is_unproven || matches!(first.as_str(), "none" | UNEXPLAINED) {
+            "no effect of the simulation is known to be the cause, so none is put in"
+        } else {
+            "what comes first is an error of the measurement, which no run shows: nothing is put in"
+        })
+    }
+
     /// A table of no rows: nothing was put in.
     fn no_shrink(&self, table: &Path) -> Result<Progress> {
         if is_current(table, &[self.file("winner.txt")])? {
             return Ok(Progress::Finished);
         }
-        gl_cli::note(
-            "gl-diagnose",
-            "no effect of the simulation is known to be the cause, so none is put in",
-        );
+        gl_cli::note("gl-diagnose", self.why_none_is_put_in()?);
         for file in [
             "locate-after.txt",
             "shrink-unseen.txt",

@@ -40,8 +40,9 @@ const REACH: Reach = Reach { steps: 4, inertia: 1.0 };
 /// probable hypothesis first, each once.
 ///
 /// Beyond the bounds the simulation is extrapolated; that an effect would rather be weaker than its bound is none
-/// of them where it is off on that side, since the hypothesis without it says so. Nor does an effect count that closes
-/// little: what it is without is asked by itself, `none` and `unexplained`.
+/// of them where it is off on that side, since the hypothesis without it says so. Nor is a bound of zero: a length, a
+/// stiffness, a share keeps its sign, and no box goes there. Nor does an effect count that closes little: what it is without
+/// is asked by itself, `none` and `unexplained`.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
@@ -85,9 +86,10 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
         let (by, is_upper) = if point[j] > 0.5 { (point[j] - 1.0, true) } else { (-point[j], false) };
         let off = parameter.off.map(|off| parameter.coordinate(off));
         let is_towards_off = off.is_some_and(|off| if is_upper { off >= 1.0 } else { off <= 0.0 });
-        (by > LEAST && !is_towards_off).then(|| Lean {
+        let bound = if is_upper { parameter.upper } else { parameter.lower };
+        (by > LEAST && !is_towards_off && bound != 0.0).then(|| Lean {
             parameter: parameter.name.clone(),
-            bound: if is_upper { parameter.upper } else { parameter.lower },
+            bound,
             is_upper,
             by,
             hypothesis: of.name.clone(),
@@ -103,6 +105,7 @@ mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
     use crate::attribute::synthetic_world::Straight;
+    use gl_inference::prior::Prior;
 
     #[test]
     fn what_does_not_fit_within_the_bounds_is_asked_and_what_closes_little_is_not() {
@@ -117,5 +120,22 @@ mod tests {
         assert_eq!((found[0].parameter.as_str(), found[0].bound, found[0].is_upper), ("a", 5.0, true));
         explanations[0].ruled_out = Some(RuledOut::ClosesLittle);
         assert_eq!(leans(&problem, &explanations).unwrap(), []);
+    }
+
+    #[test]
+    fn what_keeps_its_sign_is_not_pulled_beyond_zero() {
+        // The same point of the box, by whatever name.
+        for (upper, found) in [(0.1, 1), (0.0, 0)] {
+            let (predictor, (prior, _)) = (Straight::new(), Straight::beyond(-3.0, 5.0));
+            let mut parameters = prior.parameters().to_vec();
+            (parameters[0].lower, parameters[0].upper) = (upper - 8.0, upper);
+            let prior = Prior::new(parameters);
+            let observations = Straight::measured(5.5, 1.0, 0.0, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            explanations.retain(|of| of.name == "none");
+            explanations[0].ruled_out = Some(RuledOut::Misfit);
+            assert_eq!(leans(&problem, &explanations).unwrap().len(), found, "{upper}");
+        }
     }
 }
