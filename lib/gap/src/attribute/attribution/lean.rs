@@ -40,9 +40,10 @@ const REACH: Reach = Reach { steps: 4, inertia: 1.0 };
 /// probable hypothesis first, each once.
 ///
 /// Beyond the bounds the simulation is extrapolated; that an effect would rather be weaker than its bound is none
-/// of them where it is off on that side, since the hypothesis without it says so. Nor is a bound of zero: a length, a
-/// stiffness, a share keeps its sign, and no box goes there. Nor does an effect count that closes little: what it is without
-/// is asked by itself, `none` and `unexplained`.
+/// of them where it is off on that side, since the hypothesis without it says so. Nor does an effect count that closes
+/// little: what it is without is asked by itself, `none` and `unexplained`. A bound of zero counts under what comes first
+/// alone: a length, a stiffness, a share keeps its sign, so that no box goes there; what needs it otherwise is no rival, and
+/// no answer either.
 ///
 /// # Errors
 /// If a curve or its covariance is not finite.
@@ -58,7 +59,8 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
         let (gain, more) = beyond(problem, of)?;
         let behind = (first - of.ln_weight).max(0.0);
         if gain > GAIN && gain > (1.0 - MATTERS.1) * behind - MATTERS.0 {
-            found.extend(more);
+            let is_first = of.says_as(&explanations[0]);
+            found.extend(more.into_iter().filter(|lean| is_first || lean.bound != 0.0));
         }
     }
     let mut leans: Vec<Lean> = Vec::new();
@@ -87,7 +89,7 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
         let off = parameter.off.map(|off| parameter.coordinate(off));
         let is_towards_off = off.is_some_and(|off| if is_upper { off >= 1.0 } else { off <= 0.0 });
         let bound = if is_upper { parameter.upper } else { parameter.lower };
-        (by > LEAST && !is_towards_off && bound != 0.0).then(|| Lean {
+        (by > LEAST && !is_towards_off).then(|| Lean {
             parameter: parameter.name.clone(),
             bound,
             is_upper,
@@ -123,9 +125,9 @@ mod tests {
     }
 
     #[test]
-    fn what_keeps_its_sign_is_not_pulled_beyond_zero() {
-        // The same point of the box, by whatever name.
-        for (upper, found) in [(0.1, 1), (0.0, 0)] {
+    fn what_would_change_its_sign_is_no_rival_and_no_answer() {
+        // The same point of the box, by whatever name, under what comes first and what does not.
+        for (upper, is_first, found) in [(0.1, false, 1), (0.0, false, 0), (0.0, true, 1)] {
             let (predictor, (prior, _)) = (Straight::new(), Straight::beyond(-3.0, 5.0));
             let mut parameters = prior.parameters().to_vec();
             (parameters[0].lower, parameters[0].upper) = (upper - 8.0, upper);
@@ -133,9 +135,14 @@ mod tests {
             let observations = Straight::measured(5.5, 1.0, 0.0, 0.01);
             let problem = predictor.problem(&prior, &observations);
             let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
-            explanations.retain(|of| of.name == "none");
-            explanations[0].ruled_out = Some(RuledOut::Misfit);
-            assert_eq!(leans(&problem, &explanations).unwrap().len(), found, "{upper}");
+            explanations.retain(|of| of.name == "none" || of.is_unknown());
+            explanations.sort_by_key(|of| of.is_base() != is_first);
+            let none = if is_first { 0 } else { 1 };
+            explanations[none].ruled_out = Some(RuledOut::Misfit);
+            explanations[1 - none].ruled_out = Some(RuledOut::ClosesLittle);
+            explanations[1 - none].ln_weight = explanations[none].ln_weight;
+            explanations.iter_mut().for_each(|of| of.probability = 0.0);
+            assert_eq!(leans(&problem, &explanations).unwrap().len(), found, "{upper} {is_first}");
         }
     }
 }
