@@ -12,8 +12,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use gl_case::folders::{self, BASE, BASE_WIDER};
 use gl_case::{Case, Engine, Posterior, Test};
-use gl_gap::attribute::attribution::UNEXPLAINED;
-use gl_gap::attribute::winner::{most_probable, winning_effects};
+use gl_gap::attribute::winner::{is_of_the_measurement, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -164,11 +163,16 @@ impl Diagnosis<'_> {
     /// Those of the winner's effects that are the simulator's, if there are runs that show them; what the measurement does
     /// needs no runs.
     fn winner(&self) -> Result<Vec<String>> {
-        let attribution = Table::read(&self.file("attribution.txt"))?;
-        let verdict = Verdicts::read(&self.file("attribution-verdict.txt"))?;
+        let (attribution, verdict) = self.attributed()?;
         let effects = winning_effects(&Prior::read(&self.case.params())?, &attribution, &verdict)?;
         put(&self.file("winner.txt"), format!("{}\n", effects.join(",")).as_bytes())?;
         Ok(effects)
+    }
+
+    /// The table of the attribution and its verdict.
+    fn attributed(&self) -> Result<(Table, Verdicts)> {
+        let table = Table::read(&self.file("attribution.txt"))?;
+        Ok((table, Verdicts::read(&self.file("attribution-verdict.txt"))?))
     }
 
     /// How far the gap closes once the effects are in the simulation.
@@ -216,12 +220,11 @@ impl Diagnosis<'_> {
 
     /// What to say where no effect is put into the simulation.
     fn why_none_is_put_in(&self) -> Result<&'static str> {
-        let (first, _) = most_probable(&Table::read(&self.file("attribution.txt"))?)?;
-        let is_unproven = Verdicts::read(&self.file("attribution-verdict.txt"))?.find("untried").is_some();
-        Ok(if is_unproven || matches!(first.as_str(), "none" | UNEXPLAINED) {
-            "no effect of the simulation is known to be the cause, so none is put in"
-        } else {
+        let (attribution, verdict) = self.attributed()?;
+        Ok(if is_of_the_measurement(&attribution, &verdict)? {
             "what comes first is an error of the measurement, which no run shows: nothing is put in"
+        } else {
+            "no effect of the simulation is known to be the cause, so none is put in"
         })
     }
 

@@ -315,6 +315,11 @@ impl TableWriter {
         self
     }
 
+    /// Add `yes` or `no` to the row.
+    pub fn yes_no(&mut self, value: bool) -> &mut Self {
+        self.text(word(value))
+    }
+
     /// Add a number to the row. [`TableWriter::end_row`] refuses one that is not finite.
     pub fn number(&mut self, value: f64) -> &mut Self {
         if !value.is_finite() && self.flaw.is_none() {
@@ -488,5 +493,9 @@ pub fn text<S: Serializer>(value: &str, serializer: S) -> std::result::Result<S:
 /// # Errors
 /// Those of the serializer.
 pub fn yes_no<S: Serializer>(value: &bool, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-    serializer.serialize_str(if *value { "yes" } else { "no" })
+    serializer.serialize_str(word(*value))
+}
+
+fn word(value: bool) -> &'static str {
+    if value { "yes" } else { "no" }
 }

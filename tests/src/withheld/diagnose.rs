@@ -85,8 +85,8 @@ struct Case {
     specimens: u64,
 }
 
-/// Read `DIR/cases` and write `DIR/verdicts.tsv` and `DIR/hypotheses.tsv`. The first round of runs is made once for all cases with the same
-/// candidates.
+/// Read `DIR/cases` and write `DIR/verdicts.tsv` and `DIR/hypotheses.tsv`. The first round of runs is made once for all
+/// cases with the same candidates.
 ///
 /// # Errors
 /// If a case cannot be read or diagnosed.
@@ -241,16 +241,15 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "effects",
         "runs",
     ];
-    let yes = |is_so: bool| if is_so { "yes" } else { "no" };
     let mut table = TableWriter::create(Some(path), &columns)?;
     for (row, Verdict { diagnosis, is_settled, closes, is_wider, runs }) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
         table.text(list.field(row, 0)).text(cause(&first.name));
-        table.numbers(&[diagnosis.stated()]).text(yes(*is_settled));
-        table.text(yes(first.has_rest)).number(first.closes);
-        table.text(yes(diagnosis.is_unproven()));
+        table.numbers(&[diagnosis.stated()]).yes_no(*is_settled);
+        table.yes_no(first.has_rest).number(first.closes);
+        table.yes_no(diagnosis.is_unproven());
         let leans: Vec<&str> = diagnosis.leans.iter().map(|lean| lean.parameter.as_str()).collect();
-        table.text(&leans.join(",")).text(yes(*is_wider));
+        table.text(&leans.join(",")).yes_no(*is_wider);
         let nearest = attribution.nearest().map_or("none", |of| cause(&of.name));
         let confounded: Vec<&str> = diagnosis.rows[0].confounded.iter().map(|name| cause(name)).collect();
         table.text(nearest).text(&confounded.join(","));

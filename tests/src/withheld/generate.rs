@@ -209,7 +209,7 @@ pub fn generate(bench: &Bench, condition: Condition, which: Which, dir: &Path) -
         let is_of_rig = case.family == Family::Rig;
         let without = if is_of_rig { bench.of_the_rig.join(",") } else { withheld.to_owned() };
         let kinds = if is_of_rig { KINDS.map(|(name, _)| name).join(",") } else { "-".to_owned() };
-        list.text(&name).text(&without).text(if case.family == Family::Scatter { "yes" } else { "no" });
+        list.text(&name).text(&without).yes_no(case.family == Family::Scatter);
         list.text(&kinds).end_row()?;
         let mut columns = vec![bench.world.control().to_owned()];
         columns.extend(bench.observables());

@@ -125,7 +125,7 @@ pub fn weigh(dir: &Path) -> Result<()> {
             match name.as_str() {
                 "first" => table.text(cause(&first.name)),
                 "probability" => table.number(attribution.probability_of(first)),
-                "with_rest" => table.text(if first.has_rest { "yes" } else { "no" }),
+                "with_rest" => table.yes_no(first.has_rest),
                 "closes" => table.number(first.closes),
                 "nearest" => table.text(attribution.nearest().map_or("none", |of| cause(&of.name))),
                 "effects" => table.text(&effects(&probabilities(&attribution))),

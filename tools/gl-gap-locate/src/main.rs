@@ -82,7 +82,7 @@ fn write(path: Option<&Path>, parts: &[Part], located: &[Vec<Stretch>]) -> Resul
                 .text(&named(&part.name, &observations.names[stretch.observable]))
                 .numbers(&[observations.control[first], observations.control[end - 1]])
                 .numbers(&[stretch.gap, stretch.gap_sd, stretch.z, stretch.share])
-                .text(if stretch.significant { "yes" } else { "no" })
+                .yes_no(stretch.significant)
                 .text(&format!("{}:{}", part.first + first, part.first + end))
                 .end_row()?;
         }

@@ -295,10 +295,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         .collect::<Result<_>>()?;
     drop(weighing);
     let whole = ln_sum_exp(&explanations.iter().map(|of| of.ln_weight).collect::<Vec<_>>());
-    for of in &mut explanations {
-        of.ln_weight -= whole;
-        of.probability = of.ln_weight.exp();
-    }
+    explanations.iter_mut().for_each(|of| of.ln_weight -= whole);
     look_closer(problem, &mut explanations)?;
     Ok(Attribution::by_rules(explanations))
 }
@@ -377,13 +374,13 @@ fn search<'a>(
 
 /// Ask the hypotheses that are close to the first whether they fit, and all how much they close.
 fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Result<()> {
-    let high = explanations.iter().map(|of| of.probability).fold(0.0, f64::max);
+    let high = explanations.iter().map(|of| of.ln_weight).fold(f64::NEG_INFINITY, f64::max);
     let base = explanations[0].clone();
     let looking = stage("looking for something else", explanations.len());
     explanations
         .par_iter_mut()
         .map(|of| {
-            let is_close = of.probability > high * (-CLOSE).exp();
+            let is_close = of.ln_weight > high - CLOSE;
             if is_close || of.is_base() {
                 of.fits = Some(predictive_probability(&of.model(problem), &of.evidence.modes[0])?);
             }

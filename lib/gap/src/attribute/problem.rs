@@ -71,6 +71,8 @@ pub struct Problem<'a> {
     left_over: Vec<f64>,
     /// Mean variance of an observable from the simulation's scatter, times its share.
     scatter_variance: Vec<f64>,
+    /// A factor of the covariance of the measured specimen's scatter, shape (readings, components).
+    scatter_patterns: DMatrix<f64>,
 }
 
 /// The smooth discrepancy that every hypothesis is granted, as a share of noise and scatter: no
@@ -134,18 +136,18 @@ impl<'a> Problem<'a> {
             test_of.iter().enumerate().map(|(j, &test)| tests[test].own(j)).collect();
         let observable_of = own.iter().enumerate().flat_map(|(j, own)| vec![j; own.len()]).collect();
         let component_scatter = predictor.scatter();
-        let components = component_scatter.len();
         let correlation = Cholesky::new(predictor.correlation())
             .context("the correlation of the components' errors is not positive definite")?
             .unpack();
         let smooth: Vec<&Smooth> = test_of.iter().map(|&test| &tests[test].smooth).collect();
         let patterns = beside(predictor.basis(), &own, &smooth);
-        let roots = DVector::from_iterator(components, component_scatter.iter().map(|tau| tau.sqrt()));
-        let scattered = predictor.basis() * DMatrix::from_diagonal(&roots) * &correlation;
+        let scattered = correlated(predictor, &component_scatter, &correlation);
         let scatter_variance = own
             .iter()
             .map(|own| scatter * scattered.rows(own.start, own.len()).norm_squared() / own.len() as f64)
             .collect();
+        let measured: Vec<f64> = component_scatter.iter().map(|tau| scatter * tau).collect();
+        let scatter_patterns = correlated(predictor, &measured, &correlation);
         let is_noise_stated = noise.is_some();
         let units = noise.unwrap_or_else(|| {
             own.iter().zip(&ranges).flat_map(|(own, &range)| vec![range; own.len()]).collect()
@@ -178,6 +180,7 @@ impl<'a> Problem<'a> {
             covariance,
             left_over,
             scatter_variance,
+            scatter_patterns,
         })
     }
 
@@ -227,7 +230,7 @@ impl<'a> Problem<'a> {
             component_variance.iter().map(|variance| HEAVY_TAILS * variance.max(0.0)).collect();
         let rest: Vec<f64> =
             self.predictor.left_over().iter().map(|rest| (HEAVY_TAILS * rest).sqrt()).collect();
-        self.factor(&variance, &rest)
+        beside_readings(&correlated(self.predictor, &variance, &self.correlation), &rest)
     }
 
     /// A factor of the covariance of noise and scatter, in the same shape; `scales` are those of the noise, in
@@ -235,33 +238,12 @@ impl<'a> Problem<'a> {
     pub fn measurement_errors(&self, scales: &[f64]) -> DMatrix<f64> {
         let sd: Vec<f64> =
             self.units.iter().zip(&self.observable_of).map(|(unit, &j)| scales[j] * unit).collect();
-        self.factor(&self.variance_of_scatter(), &sd)
+        beside_readings(&self.scatter_patterns, &sd)
     }
 
     /// A factor of the covariance of the scatter, shape (readings, components).
-    pub fn scatter_patterns(&self) -> DMatrix<f64> {
-        self.correlated(&self.variance_of_scatter())
-    }
-
-    /// Variance of each component from specimen to specimen, of the measured one.
-    fn variance_of_scatter(&self) -> Vec<f64> {
-        self.component_scatter.iter().map(|tau| self.scatter * tau).collect()
-    }
-
-    /// A factor of the covariance of components of these variances, shape (readings, components).
-    fn correlated(&self, variance: &[f64]) -> DMatrix<f64> {
-        let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
-        self.predictor.basis() * DMatrix::from_diagonal(&roots) * &self.correlation
-    }
-
-    /// Correlated components of these variances, and independent readings of these deviations.
-    fn factor(&self, variance: &[f64], sd: &[f64]) -> DMatrix<f64> {
-        let mut factor = DMatrix::zeros(sd.len(), variance.len() + sd.len());
-        factor.columns_mut(0, variance.len()).copy_from(&self.correlated(variance));
-        for (i, sd) in sd.iter().enumerate() {
-            factor[(i, variance.len() + i)] = *sd;
-        }
-        factor
+    pub fn scatter_patterns(&self) -> &DMatrix<f64> {
+        &self.scatter_patterns
     }
 
     /// The patterns of the covariance of a model that has more of them than all have: errors of the form of an
@@ -348,6 +330,22 @@ impl<'a> Problem<'a> {
         let own = &self.units[self.own(observable)];
         scale.powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64
     }
+}
+
+/// A factor of the covariance of components of these variances, shape (readings, components).
+fn correlated(predictor: &dyn Predictor, variance: &[f64], correlation: &DMatrix<f64>) -> DMatrix<f64> {
+    let roots = DVector::from_iterator(variance.len(), variance.iter().map(|v| v.sqrt()));
+    predictor.basis() * DMatrix::from_diagonal(&roots) * correlation
+}
+
+/// Patterns that readings have in common, and independent readings of these deviations beside them.
+fn beside_readings(common: &DMatrix<f64>, sd: &[f64]) -> DMatrix<f64> {
+    let mut factor = DMatrix::zeros(sd.len(), common.ncols() + sd.len());
+    factor.columns_mut(0, common.ncols()).copy_from(common);
+    for (i, sd) in sd.iter().enumerate() {
+        factor[(i, common.ncols() + i)] = *sd;
+    }
+    factor
 }
 
 /// The patterns of the components, shape (readings, components), and beside them the smooth ones of each observable at its

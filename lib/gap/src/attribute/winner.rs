@@ -1,5 +1,6 @@
 //! Which effects the table of an attribution puts into the simulation.
 
+use crate::attribute::attribution::UNEXPLAINED;
 use anyhow::{Result, ensure};
 use gl_inference::prior::Prior;
 use gl_table::Table;
@@ -19,6 +20,15 @@ pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Verdicts) -
     let (name, _) = most_probable(attribution)?;
     let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
     Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
+}
+
+/// Whether what comes first is an error of the measurement alone, where [`winning_effects`] has none to put in.
+///
+/// # Errors
+/// See [`winning_effects`].
+pub fn is_of_the_measurement(attribution: &Table, verdict: &Verdicts) -> Result<bool> {
+    let (name, _) = most_probable(attribution)?;
+    Ok(verdict.find("untried").is_none() && name != "none" && name != UNEXPLAINED)
 }
 
 /// The most probable cause and its probability: effects with a rest and without are one.
@@ -78,5 +88,20 @@ mod tests {
         assert_eq!(winner("none 0.4\nx 0.3\nx+unexplained 0.3\n").unwrap(), ["x"]);
         assert!(winner("").is_err());
         assert!(of("untried", "x 0.9\nnone 0.1\n").unwrap().is_empty());
+    }
+
+    #[test]
+    fn an_error_of_the_measurement_is_told_from_nothing_and_from_what_no_run_shows() {
+        let is_measured = |code: &str, rows: &str| {
+            let mut verdict = Verdicts::default();
+            verdict.add(code, 1, "said");
+            is_of_the_measurement(&table(&format!("hypothesis probability\n{rows}")), &verdict).unwrap()
+        };
+        assert!(is_measured("cause", "offset(q) 0.9\nnone 0.1\n"));
+        assert!(is_measured("cause-with-rest", "offset(q)+unexplained 0.9\nnone 0.1\n"));
+        for rows in ["none 0.9\noffset(q) 0.1\n", "unexplained 0.9\noffset(q) 0.1\n"] {
+            assert!(!is_measured("unsettled", rows), "{rows}");
+        }
+        assert!(!is_measured("untried", "x 0.9\nnone 0.1\n"));
     }
 }

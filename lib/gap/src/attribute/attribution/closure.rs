@@ -105,16 +105,16 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
     // In the metric of the one noise, so that the two are compared alike.
     let left_by = |explanation: &Explanation| -> Result<DMatrix<f64>> {
         let own = explanation.model(problem).plain();
-        let w = &explanation.best()[..own.len()];
-        Ok(recalibrated((&model, &of.best()[..model.len()]), &own, w, &within)?.residual)
+        let from = &explanation.best()[..own.len()];
+        Ok(recalibrated((&model, w), &own, from, &within)?.residual)
     };
     let (before, after) = (left_by(base)?, left_by(of)?);
     let mut errors = problem.measurement_errors(&scales);
     absorb(&model, w, &model.gradient(w).1, &mut errors)?;
     let closes_by = |yardstick: &Yardstick<'_>| {
-        let gap = |left: &DMatrix<f64>| yardstick.mean_square(left.as_slice()).sqrt();
-        let floor = errors.column_iter().map(|error| yardstick.mean_square(error.into_owned().as_slice()));
-        1.0 - left(gap(&before), gap(&after), floor.sum::<f64>().sqrt())
+        let size = |residual: &DMatrix<f64>| yardstick.mean_square(residual.as_slice()).sqrt();
+        let floor = errors.column_iter().map(|error| yardstick.mean_square(error.as_slice())).sum::<f64>();
+        1.0 - left(size(&before), size(&after), floor.sqrt())
     };
     let of_readings = closes_by(&Yardstick::of_readings(problem, &scales, &of.outliers)?);
     Ok(of_readings.max(closes_by(&Yardstick::of_shapes(problem, &scales, &of.outliers)?)))

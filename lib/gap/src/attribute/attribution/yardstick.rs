@@ -5,6 +5,8 @@
 //! however many readings show it, and what has another shape is measured by the noise; beside that, an effect which does what
 //! packings do, too, is hardly seen. So there is one yardstick for either.
 
+use std::borrow::Cow;
+
 use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -17,7 +19,7 @@ pub struct Yardstick<'a> {
     /// One over the variance of the noise, shape (readings,); 0 where a reading does not count.
     precision: Vec<f64>,
     /// Patterns of the scatter, shape (readings, components).
-    scatter: DMatrix<f64>,
+    scatter: Cow<'a, DMatrix<f64>>,
     /// The Cholesky factor of 1 + Aᵀ N⁻¹ A, A the scatter and N the noise.
     factor: Cholesky<f64, Dyn>,
 }
@@ -32,7 +34,8 @@ impl<'a> Yardstick<'a> {
     /// If the spread is not finite.
     pub fn of_readings(problem: &'a Problem<'a>, scales: &[f64], skipped: &[usize]) -> Result<Self> {
         let variance = |j: usize| problem.spread(j, scales).powi(2);
-        Self::new(problem, variance, DMatrix::zeros(problem.observed.len(), 0), skipped)
+        let none = DMatrix::zeros(problem.observed.len(), 0);
+        Self::new(problem, variance, Cow::Owned(none), skipped)
     }
 
     /// What has the shape of the scatter by that, and all else by the noise. See [`Self::of_readings`].
@@ -41,22 +44,22 @@ impl<'a> Yardstick<'a> {
     /// If the scatter is not finite.
     pub fn of_shapes(problem: &'a Problem<'a>, scales: &[f64], skipped: &[usize]) -> Result<Self> {
         let variance = |j: usize| problem.noise_variance(j, scales[j]);
-        Self::new(problem, variance, problem.scatter_patterns(), skipped)
+        Self::new(problem, variance, Cow::Borrowed(problem.scatter_patterns()), skipped)
     }
 
     fn new(
         problem: &'a Problem<'a>,
         variance: impl Fn(usize) -> f64,
-        scatter: DMatrix<f64>,
+        scatter: Cow<'a, DMatrix<f64>>,
         skipped: &[usize],
     ) -> Result<Self> {
         let precisions: Vec<f64> = (0..problem.ranges.len()).map(|j| 1.0 / variance(j)).collect();
         let of_reading =
             |i: usize| if skipped.contains(&i) { 0.0 } else { precisions[problem.observable_of(i)] };
         let precision: Vec<f64> = (0..problem.observed.len()).map(of_reading).collect();
-        let mut weighed = scatter.clone();
+        let mut weighed = scatter.as_ref().clone();
         weighed.row_iter_mut().zip(&precision).for_each(|(mut row, precision)| row *= *precision);
-        let inner = DMatrix::identity(scatter.ncols(), scatter.ncols()) + weighed.tr_mul(&scatter);
+        let inner = DMatrix::identity(scatter.ncols(), scatter.ncols()) + weighed.tr_mul(scatter.as_ref());
         let factor = Cholesky::new(inner).context("the scatter of the simulation is not finite")?;
         Ok(Self { problem, precision, scatter, factor })
     }
