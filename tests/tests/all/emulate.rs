@@ -266,3 +266,23 @@ fn an_emulated_ensemble_is_calibrated_on() {
         assert!((mean - truth).abs() < sd && sd < 0.15, "{name}: {mean} {sd}\n{summary}");
     }
 }
+
+#[test]
+fn runs_of_several_tables_are_as_those_of_one() {
+    let folder = folder(60);
+    let path = folder.path();
+    let one = run(tool("gl-emulate", path).args(BEFORE).args(["--check", "ensemble.txt"])).1;
+    for (table, per_run) in [("samples", 1), ("ensemble", 10)] {
+        let text = fs::read_to_string(path.join(format!("{table}.txt"))).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        let (header, rows) = lines.split_first().unwrap();
+        for (name, part) in [("a", &rows[..25 * per_run]), ("b", &rows[25 * per_run..])] {
+            fs::write(path.join(format!("{table}-{name}.txt")), format!("{header}\n{}\n", part.join("\n")))
+                .unwrap();
+        }
+    }
+    let mut command = tool("gl-emulate", path);
+    command.args(["-p", "params.txt", "-s", "samples-a.txt", "-s", "samples-b.txt", "--check"]);
+    let (code, several, stderr) = run(command.args(["ensemble-a.txt", "ensemble-b.txt"]));
+    assert_eq!((code, stderr.as_str(), several), (0, "", one));
+}

@@ -23,9 +23,9 @@ struct Args {
     /// Table of parameters
     #[arg(short, long, value_name = "FILE")]
     params: PathBuf,
-    /// Samples of the runs in the ensemble
-    #[arg(short, long, value_name = "FILE")]
-    samples: PathBuf,
+    /// Samples of the runs; repeat for several tables
+    #[arg(short, long, value_name = "FILE", required = true)]
+    samples: Vec<PathBuf>,
     /// Samples to predict: a samples table, or weights such as the draws of gl-posterior
     #[arg(long, value_name = "FILE", required_unless_present_any = ["check", "leave_one_out"])]
     at: Option<PathBuf>,
@@ -50,9 +50,9 @@ struct Args {
     /// Where the table goes; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Ensemble of the runs, `-` for stdin
+    /// Ensembles of the runs, `-` for stdin
     #[arg(value_name = "ENSEMBLE", default_value = "-")]
-    ensemble: PathBuf,
+    ensembles: Vec<PathBuf>,
 }
 
 const EXAMPLE: &str = "\
@@ -76,9 +76,11 @@ Example: twelve runs of f = a u, and what a thirteenth would give
 
 fn run(args: &Args) -> Result<()> {
     let prior = Prior::read(&args.params)?;
-    let samples = Samples::read(&args.samples)?;
+    let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
+    let samples = Samples::concatenate(tables)?;
     let at = args.at.as_deref().map(Weights::read_samples).transpose()?;
-    let ensemble = Ensemble::read_by_header(&args.ensemble, args.control.as_deref(), &args.observables)?;
+    let read = |path: &PathBuf| Ensemble::read_by_header(path, args.control.as_deref(), &args.observables);
+    let ensemble = Ensemble::concatenate(args.ensembles.iter().map(read).collect::<Result<Vec<_>>>()?)?;
     let options = Options { seed: args.seed, ..Options::default() };
     let emulator = Emulator::fit(&prior, &samples, &ensemble, &options)?;
     if emulator.missing() > 0 {
@@ -116,5 +118,6 @@ fn note(message: impl std::fmt::Display) {
 
 fn main() -> ExitCode {
     let args: Args = gl_cli::parse();
-    gl_cli::finish("gl-emulate", gl_cli::about(run(&args), [&args.ensemble, &args.samples, &args.params]))
+    let inputs = args.ensembles.iter().chain(&args.samples).chain([&args.params]);
+    gl_cli::finish("gl-emulate", gl_cli::about(run(&args), inputs))
 }

@@ -400,6 +400,10 @@ pub(crate) fn run(
     match runner.call(&call, Messages::Shown)? {
         0 => Ok(true),
         _ if leaves => Ok(false),
+        code if engine == Engine::Embedded => bail!(
+            "{model} ended with status {code} before all runs of {} were made; see what it says above, and call again to go on",
+            samples.display()
+        ),
         _ => bail!("some runs of {} were not tried; call again to go on", samples.display()),
     }
 }

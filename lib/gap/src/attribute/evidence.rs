@@ -380,23 +380,38 @@ mod tests {
         assert!((found.ln - expected).abs() < 4.0 * found.error, "{} {expected} {}", found.ln, found.error);
     }
 
+    /// ln evidence of the base model, and the readings that it takes to be far off.
+    fn of_base(values: Vec<f64>) -> (f64, Vec<usize>) {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::observations(values);
+        let known = Some(vec![vec![0.05; STEPS]]);
+        let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, known, 1.0).unwrap();
+        let mut model = Model::new(&problem, &[], false);
+        let ln = found(&mut model, 3).ln;
+        (ln, model.outliers().to_vec())
+    }
+
+    fn off_at(readings: &[usize], by: f64) -> Vec<f64> {
+        let mut values = noisy(0.0);
+        readings.iter().for_each(|&i| values[i] += by);
+        values
+    }
+
     #[test]
     fn a_reading_that_is_far_off_is_noticed_and_costs_little() {
-        let (predictor, prior) = (Straight::new(), Straight::prior());
-        let ln_of = |values: Vec<f64>| {
-            let observations = Straight::observations(values);
-            let known = Some(vec![vec![0.05; STEPS]]);
-            let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, known, 1.0).unwrap();
-            let mut model = Model::new(&problem, &[], false);
-            let ln = found(&mut model, 3).ln;
-            (ln, model.outliers().to_vec())
-        };
-        let mut values = noisy(0.0);
-        let (clean, none) = ln_of(values.clone());
-        values[17] += 0.4;
-        let (off, outliers) = ln_of(values);
+        let (clean, none) = of_base(off_at(&[], 0.0));
+        let (off, outliers) = of_base(off_at(&[17], 0.4));
         assert_eq!((none, outliers), (vec![], vec![17]));
         // Odds of one to a hundred, a density spread over ten standard deviations; 32 nats if it were normal.
         assert!(clean - off > 4.0 && clean - off < 10.0, "{clean} {off}");
+    }
+
+    #[test]
+    fn readings_that_are_far_off_in_a_row_are_a_signal() {
+        let (two, outliers) = of_base(off_at(&[17, 18], 1.0));
+        assert_eq!(outliers, vec![17, 18]);
+        let (three, outliers) = of_base(off_at(&[17, 18, 19], 1.0));
+        assert_eq!(outliers, vec![]);
+        assert!(two - three > 20.0, "{two} {three}");
     }
 }

@@ -560,9 +560,13 @@ fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagno
         let of_effect = marginals(problem, of).into_iter().skip(base);
         let within = |Marginal { name, low, high, .. }: Marginal| {
             let parameter = problem.prior.parameters().iter().find(|parameter| parameter.name == name);
-            let grows = parameter.is_some_and(|of| of.off.is_some_and(|off| off <= of.lower));
-            let from = if grows { String::new() } else { format!(" from {}", short(low)) };
-            format!("{name}{from} up to {}", short(high))
+            let off = parameter.and_then(|of| of.off).unwrap_or(0.0);
+            // From one side of its value off to the other: whatever is between shows no more.
+            let from = match parameter {
+                Some(of) if off <= of.lower => String::new(),
+                _ => format!(" from {}", short(low.min(off))),
+            };
+            format!("{name}{from} up to {}", short(high.max(off)))
         };
         let within: Vec<String> = of_effect.map(within).collect();
         verdicts.add(

@@ -91,13 +91,30 @@ fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
     distinct
 }
 
-/// Take readings to be far off, the furthest first, as long as that pays; whether anything has changed.
-fn with_outliers(model: &mut Model<'_>, mut best: Mode) -> (Mode, bool) {
+/// Take readings to be far off, the furthest first, as long as that pays; whether anything has changed. Those that
+/// stand in a row are a signal, and are let be.
+fn with_outliers(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
+    let mut signal: Vec<usize> = Vec::new();
+    loop {
+        let mut tried = model.clone();
+        let found = without_signal(&mut tried, best.clone(), &signal);
+        let in_a_row = tried.outliers_in_a_row();
+        if in_a_row.is_empty() {
+            *model = tried;
+            return found;
+        }
+        signal.extend(in_a_row);
+    }
+}
+
+/// The same, but for readings that are not to be far off.
+fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (Mode, bool) {
     let most = (MOST_OUTLIERS * model.problem().observed.len() as f64) as usize;
     let mut is_changed = false;
     loop {
         let curve = model.curve(best.w.as_slice());
         let mut more = model.far_off(best.w.as_slice(), &curve);
+        more.retain(|reading| !signal.contains(reading));
         more.truncate(most.saturating_sub(model.outliers().len()));
         if more.is_empty() {
             return (best, is_changed);

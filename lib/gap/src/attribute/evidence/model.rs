@@ -406,7 +406,21 @@ impl<'a> Model<'a> {
         far.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
         far
     }
+
+    /// Those of the readings that are taken to be far off which stand three or more in a row.
+    pub fn outliers_in_a_row(&self) -> Vec<usize> {
+        let blocks = self.problem.blocks();
+        let in_a_row = blocks.iter().flat_map(|block| {
+            let own: Vec<usize> = self.outliers.iter().copied().filter(|i| block.contains(i)).collect();
+            let rows: Vec<Vec<usize>> = own.chunk_by(|a, b| a + 1 == *b).map(<[usize]>::to_vec).collect();
+            rows.into_iter().filter(|row| row.len() >= ROW).flatten()
+        });
+        in_a_row.collect()
+    }
 }
+
+/// As many readings in a row that are far off are a signal: of single ones so many seldom meet.
+const ROW: usize = 3;
 
 fn ln_outlier_odds() -> f64 {
     (OUTLIER / (1.0 - OUTLIER)).ln()
