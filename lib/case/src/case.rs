@@ -153,6 +153,8 @@ pub struct Case {
     pub max_effects: Option<usize>,
     /// Share of the simulation's own scatter that the measurement has.
     pub scatter: Option<f64>,
+    /// Whether the noise is taken for white, however correlated the residuals are.
+    pub white: bool,
     /// The simulator.
     pub model: Model,
     /// What the site wants of a job in the queue.
@@ -172,10 +174,12 @@ impl Case {
     /// Name of the file.
     pub const FILE: &str = "case.toml";
 
-    /// First part of the name of each run of a calibration: with effects in another one, so that the runs of a
-    /// calibration without them can stand beside it.
+    /// First part of the name of each run of a calibration: with effects in another one, and with a white noise, so that
+    /// the runs of a calibration without them can stand beside it.
     pub fn name_of_runs(&self) -> String {
-        if self.effects.is_empty() { self.name.clone() } else { format!("{}-effects", self.name) }
+        let white = if self.white { "-white" } else { "" };
+        let effects = if self.effects.is_empty() { "" } else { "-effects" };
+        format!("{}{white}{effects}", self.name)
     }
 
     /// Read the case in a folder; settings in `given`, each `KEY=VALUE`, win over those of its `case.toml`.
@@ -273,6 +277,7 @@ impl Case {
             measurement: file.measurement.unwrap_or_default(),
             max_effects: file.max_effects.map(usize::from),
             scatter: file.scatter,
+            white: file.white.unwrap_or(false),
             model: Model { by_engine: file.model, given: command },
             cluster: file.cluster,
             places,

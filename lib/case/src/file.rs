@@ -64,6 +64,8 @@ pub(crate) struct File {
     pub(crate) max_effects: Option<NonZeroUsize>,
     #[serde(deserialize_with = "not_negative")]
     pub(crate) scatter: Option<f64>,
+    #[serde(deserialize_with = "flag")]
+    pub(crate) white: Option<bool>,
     pub(crate) model: BTreeMap<Engine, String>,
     pub(crate) cluster: Cluster,
     pub(crate) test: Option<Vec<TestEntry>>,

@@ -8,6 +8,15 @@ pub const BASE: &str = "base";
 /// The same within the prior that the design has widened.
 pub const BASE_WIDER: &str = "base-wider";
 
+/// The closest fit of a calibration, which goes on from its runs.
+pub fn closest(calibration: &Path) -> PathBuf {
+    let name = calibration.file_name().unwrap_or_default().to_string_lossy();
+    calibration.with_file_name(format!("closest-{name}"))
+}
+
+/// The table of the two calibrations that a shrink was measured between: part folder.
+pub const SHRINK_BETWEEN: &str = "shrink-between.txt";
+
 /// The calibration with some effects in, of a diagnosis in `out`: commas part the effects, but no part of its name, since
 /// they part the tables that tools take, too.
 pub fn after(out: &Path, effects: &str) -> PathBuf {

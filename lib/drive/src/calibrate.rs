@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::{Result, ensure};
 use clap::Args;
 use gl_engine::lock::OutLock;
+use gl_table::Table;
 
 use crate::arguments::Request;
 use crate::check;
@@ -96,7 +97,8 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
         let iteration = Iteration::new(&setting, i);
         let Some(stops) = iteration.make()? else { return Ok(Progress::InQueue) };
         say(words::iteration(i, &iteration.folder)?)?;
-        is_over = stops && i + 1 >= until;
+        // By weights it would be another fit, and take hundreds of runs.
+        is_over = stops && i + 1 >= until || case.white && iteration.falls_back();
         if is_over {
             break;
         }
@@ -151,6 +153,20 @@ fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
         copy(&beside.unwrap_or_else(|| folder.join(table)), &out.join(of_runs))?;
     }
     Ok(())
+}
+
+/// Whether a calibration ended by a criterion and not by the number of its iterations, through an emulator to the last.
+///
+/// # Errors
+/// If its last iteration cannot be read.
+pub(crate) fn is_settled(out: &Path) -> Result<bool> {
+    let Some(last) = done(out).checked_sub(1).map(|last| out.join(format!("iter{last}"))) else {
+        return Ok(false);
+    };
+    let stop = Table::read(&last.join("stop.txt"))?;
+    let (criterion, met) = (stop.format().column("criterion")?, stop.format().column("met")?);
+    let is_settled = |row| stop.field(row, criterion) == "settled" && stop.field(row, met) == "yes";
+    Ok((0..stop.len()).any(is_settled) && !last.join(draws::FALLBACK).exists())
 }
 
 /// How many iterations are done.

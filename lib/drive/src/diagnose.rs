@@ -1,6 +1,7 @@
 //! The steps of a diagnosis: calibrate the base model, locate the gap, find its cause, calibrate again with the
 //! cause in, and see how far the gap closes.
 
+mod closest;
 mod design;
 
 /// The prior with the bounds that the design has gone beyond, in the folder of the diagnosis.
@@ -10,7 +11,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use gl_case::folders::{self, BASE, BASE_WIDER};
+use gl_case::folders::{self, BASE, BASE_WIDER, SHRINK_BETWEEN};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_gap::attribute::winner::{is_of_the_measurement, winning_effects};
 use gl_gap::shrink::COLUMNS;
@@ -38,7 +39,7 @@ pub(crate) struct Diagnosis<'a> {
 }
 
 /// Diagnose a case. The folder gets `base`, `locate.txt`, `design`, `attribution.txt`, `after-EFFECT`, `shrink.txt`
-/// and a report.
+/// and a report; beside a rest `closest-base` and `closest-after-EFFECT`, too.
 ///
 /// # Errors
 /// If the case is wrong, or a step fails.
@@ -94,10 +95,32 @@ impl Diagnosis<'_> {
         inputs
     }
 
-    /// Calibrate into a folder, with other effects in if some are named.
+    /// Calibrate into a folder, with other effects in if some are named; the runs of the design are known then.
     fn calibrate(&self, out: &Path, effects: Option<&str>) -> Result<Progress> {
+        let known = || match effects {
+            Some(effects) if !self.is_weighed() => self.known(effects, out).map(Some),
+            _ => Ok(None),
+        };
+        self.calibrated(out, effects, known, &self.inputs(), &[])
+    }
+
+    /// Whether the posterior of this case is that of weights, and no emulator's.
+    fn is_weighed(&self) -> bool {
+        self.case.posterior != Posterior::Emulator
+    }
+
+    /// Calibrate into a folder from runs that are known, where it is older than what it is made from; `given` are settings
+    /// behind those that were asked for.
+    fn calibrated(
+        &self,
+        out: &Path,
+        effects: Option<&str>,
+        known: impl FnOnce() -> Result<Option<PathBuf>>,
+        inputs: &[PathBuf],
+        given: &[&str],
+    ) -> Result<Progress> {
         let posterior = out.join("posterior.txt");
-        if is_current(&posterior, &self.inputs())? {
+        if is_current(&posterior, inputs)? {
             return Ok(Progress::Finished);
         }
         let mut call = Call::new("gl-calibrate").arg(&self.case.folder);
@@ -105,18 +128,17 @@ impl Diagnosis<'_> {
         if !self.wait {
             call = call.arg("--no-wait");
         }
-        let is_weighed = self.case.posterior != Posterior::Emulator;
-        if is_weighed && self.case.tolerances.misfit.is_none() {
+        if self.is_weighed() && self.case.tolerances.misfit.is_none() {
             call = call.arg("misfit_tol=1");
         }
-        call = call.args(&self.request.given);
+        if let Some(known) = known()? {
+            call = call.flag("--with", known);
+        }
+        call = call.args(&self.request.given).args(given);
         if let Some(wider) = self.wider_prior().filter(|_| out != self.file(BASE)) {
             call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
         }
         if let Some(effects) = effects {
-            if !is_weighed {
-                call = call.flag("--with", self.known(effects, out)?);
-            }
             call = call.arg(format!("effects={effects}"));
         }
         if self.runner.call(&call, Messages::Shown)? == 1 {
@@ -186,9 +208,22 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
-        let base = self.base();
-        let inputs = [self.file("winner.txt"), base.join("posterior.txt"), after.join("posterior.txt")];
-        if is_current(&table, &inputs)? {
+        // For the picture of the page.
+        let located = self.file("locate-after.txt");
+        if !is_current(&located, &[self.file("winner.txt"), after.join("posterior.txt")])? {
+            let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
+                .flag("-w", after.join(RUNS_WEIGHTS))
+                .flag("-o", located)
+                .args(ensembles(self.case, &after));
+            self.runner.must(&call, Messages::Kept(&self.file("locate-after.log")))?;
+        }
+        let Some((base, after)) = self.between(self.base(), after, &effects)? else {
+            return Ok(Progress::InQueue);
+        };
+        let between = self.file(SHRINK_BETWEEN);
+        let rows = format!("part\tfolder\nbefore\t{}\nafter\t{}\n", base.display(), after.display());
+        put(&between, rows.as_bytes())?;
+        if is_current(&table, &[between, base.join("posterior.txt"), after.join("posterior.txt")])? {
             return Ok(Progress::Finished);
         }
         let tables = |folder: &Path| {
@@ -196,12 +231,6 @@ impl Diagnosis<'_> {
             tables.push(folder.join(RUNS_WEIGHTS).into());
             tables.join(OsStr::new(","))
         };
-        // For the picture of the page.
-        let located = measured(Call::new("gl-gap-locate"), self.case, Which::All)
-            .flag("-w", after.join(RUNS_WEIGHTS))
-            .flag("-o", self.file("locate-after.txt"))
-            .args(ensembles(self.case, &after));
-        self.runner.must(&located, Messages::Kept(&self.file("locate-after.log")))?;
         let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
             .flag("--before", tables(&base))
@@ -236,6 +265,7 @@ impl Diagnosis<'_> {
         gl_cli::note("gl-diagnose", self.why_none_is_put_in()?);
         for file in [
             "locate-after.txt",
+            SHRINK_BETWEEN,
             "shrink-unseen.txt",
             "shrink-unseen-verdict.txt",
             "shrink-unseen.log",

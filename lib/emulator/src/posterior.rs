@@ -75,6 +75,8 @@ pub struct Options {
     pub scatter: Option<f64>,
     /// Whether the noise is taken as stated, whatever the residuals say.
     pub noise_as_stated: bool,
+    /// Whether the noise is taken for white, however correlated the residuals are.
+    pub white: bool,
     /// Number of draws.
     pub draws: usize,
     /// Seed.
@@ -83,7 +85,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { scatter: None, noise_as_stated: false, draws: 1000, seed: 0 }
+        Self { scatter: None, noise_as_stated: false, white: false, draws: 1000, seed: 0 }
     }
 }
 

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::folders;
+use gl_case::folders::{self, SHRINK_BETWEEN};
 use gl_figure::number::significant;
 use gl_inference::collect::RunStatus;
 use gl_inference::times::{TIMES, Took};
+use gl_table::Table;
 use serde::Serialize;
 
 use crate::calibration::{Calibration, Standing, side_by_side};
@@ -144,6 +145,8 @@ struct Closed {
 #[derive(Debug, Serialize)]
 struct Measured {
     verdict: Vec<Sentence>,
+    /// The folders of the fits that it was measured between, where these are the closest ones and not the calibrations.
+    closest: Vec<String>,
     shrink: Grid,
     unseen: Option<Unseen>,
     side_by_side: Grid,
@@ -402,7 +405,16 @@ impl Closed {
         } else {
             None
         };
+        let between = Table::read(&out.join(SHRINK_BETWEEN))?;
+        let folders = between.format().column("folder")?;
+        let is_closest = |folder: &String| {
+            *folder != base.folder.display().to_string() && *folder != after.folder.display().to_string()
+        };
         let measured = Measured {
+            closest: (0..between.len())
+                .map(|row| between.field(row, folders).to_owned())
+                .filter(is_closest)
+                .collect(),
             verdict: verdict::read(&out.join("shrink-verdict.txt"))?,
             shrink: Grid::read(&table, usize::MAX)?,
             unseen,
@@ -498,6 +510,10 @@ fn runs(
     let measured = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?)));
     if let (Some((closed, measured)), Some(after)) = (measured, after) {
         runs.push(of_calibration(format!("with {}", closed.with), &measured.stage.standing, after)?);
+        for folder in &measured.closest {
+            let closest = Calibration::read(Path::new(folder))?;
+            runs.push(of_calibration("closest fit".to_owned(), &closest.standing()?, &closest)?);
+        }
     }
     Ok(runs)
 }

@@ -38,6 +38,8 @@ struct Weighed {
     vague: bool,
     #[serde(serialize_with = "yes_no")]
     invisible: bool,
+    #[serde(serialize_with = "yes_no")]
+    of_the_rig: bool,
     /// What was said of it.
     #[serde(serialize_with = "number")]
     probability: f64,
@@ -58,6 +60,7 @@ impl Weighed {
             noise_scale: of.noise_scale,
             vague: of.is_vague,
             invisible: of.ruled_out == Some(RuledOut::Invisible),
+            of_the_rig: of.is_of_the_rig,
             probability: of.probability,
         }
     }
@@ -90,6 +93,7 @@ impl Weighed {
             closes: self.closes,
             noise_scale: self.noise_scale,
             is_vague: self.vague,
+            is_of_the_rig: self.of_the_rig,
         })
     }
 }

@@ -44,6 +44,10 @@ struct Args {
     /// Take the noise as it is stated, however correlated or large the residuals are
     #[arg(long)]
     noise_as_stated: bool,
+    /// Take the noise for white, however correlated the residuals are, and larger than stated where they are: the fit of
+    /// least squares, which comes closest to the measurement
+    #[arg(long, conflicts_with = "noise_as_stated")]
+    white: bool,
     /// Steps to compare, from A up to but not including B
     #[arg(long, value_name = "A:B")]
     steps: Option<Steps>,
@@ -139,6 +143,7 @@ fn run(args: &Args) -> Result<()> {
     let options = Options {
         scatter: args.scatter,
         noise_as_stated: args.noise_as_stated,
+        white: args.white,
         draws: args.num,
         seed: args.seed,
     };

@@ -12,7 +12,7 @@ use crate::columns::{all_tests, of_test, runs_of_iteration, varied, weighed_runs
 use crate::step::{Call, Messages, copy, is_current, write};
 
 /// Why an iteration and those after it are read from the weights of the runs, where they are.
-const FALLBACK: &str = "fallback.txt";
+pub(crate) const FALLBACK: &str = "fallback.txt";
 
 impl Iteration<'_> {
     /// Whether the posterior is sampled through an emulator: the case says so, and no iteration before found that
@@ -57,6 +57,7 @@ impl Iteration<'_> {
         let case = self.setting.case;
         let call = Call::new("gl-posterior").flag("-p", case.params());
         let call = samples.iter().fold(call, |call, table| call.flag("-s", table));
+        let call = if case.white { call.arg("--white") } else { call };
         all_tests(call, case)
             .option("--scatter", case.scatter)
             .option("--seed", Some(case.seed + self.number as u64))
@@ -120,6 +121,11 @@ impl Iteration<'_> {
             (0..=self.number).map(move |i| of_test(test, &file(i)))
         };
         self.setting.case.tests.iter().flat_map(of).collect()
+    }
+
+    /// Whether no emulator did here.
+    pub(crate) fn falls_back(&self) -> bool {
+        self.file(FALLBACK).exists()
     }
 
     /// From here on the weights of the runs have to do.

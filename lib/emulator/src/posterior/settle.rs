@@ -201,7 +201,7 @@ impl Sampler<'_> {
     }
 
     fn with_correlation(&self, nuisances: &Nuisances, correlated: &[bool]) -> Nuisances {
-        let is_fixed = self.options.noise_as_stated && self.measured.is_known;
+        let is_fixed = self.options.white || self.options.noise_as_stated && self.measured.is_known;
         let correlation = correlated.iter().map(|is| *is && !is_fixed).collect();
         Nuisances { correlation, ..nuisances.clone() }
     }

@@ -218,7 +218,11 @@ impl Inference {
     }
 
     fn say_of_correlation(&self, options: Options, verdicts: &mut Verdicts) {
-        let counted = if options.noise_as_stated { "it is taken as stated" } else { "this is counted with" };
+        let counted = match options {
+            Options { white: true, .. } => "it is taken for white",
+            Options { noise_as_stated: true, .. } => "it is taken as stated",
+            _ => "this is counted with",
+        };
         for (name, correlation) in self.correlations() {
             verdicts.add(
                 "noise-correlated",

@@ -77,6 +77,8 @@ pub struct Explanation {
     pub noise_scale: f64,
     /// Whether the emulator knows too little where it fits best to say how much it closes.
     pub is_vague: bool,
+    /// Whether its effects are errors of the measurement, and none of the simulation's.
+    pub is_of_the_rig: bool,
 }
 
 /// Why a hypothesis has no probability.
@@ -288,6 +290,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 closes: 0.0,
                 noise_scale: 1.0,
                 is_vague: false,
+                is_of_the_rig: !set.is_empty() && set.iter().all(|&of| problem.candidates[of].is_measured()),
                 hypothesis: set,
             })
         })

@@ -53,6 +53,21 @@ pub fn most_probable(attribution: &Table) -> Result<(String, f64)> {
     Ok((cause(first).to_owned(), of_cause(first)))
 }
 
+/// Whether the most probable cause is likelier beside a rest than alone.
+///
+/// # Errors
+/// See [`winning_effects`].
+pub fn is_beside_a_rest(attribution: &Table) -> Result<bool> {
+    let (name, _) = most_probable(attribution)?;
+    let hypothesis = attribution.format().column("hypothesis")?;
+    let probability = attribution.numbers("probability")?;
+    let of = |wanted: &str| {
+        let rows = (0..probability.len()).filter(|&row| attribution.field(row, hypothesis) == wanted);
+        rows.map(|row| probability[row]).sum::<f64>()
+    };
+    Ok(of(&format!("{name}+{UNEXPLAINED}")) > of(&name))
+}
+
 /// The cause that a hypothesis names, with a rest or without.
 pub fn cause(hypothesis: &str) -> &str {
     hypothesis.strip_suffix("+unexplained").unwrap_or(hypothesis)
@@ -88,6 +103,14 @@ mod tests {
         assert_eq!(winner("none 0.4\nx 0.3\nx+unexplained 0.3\n").unwrap(), ["x"]);
         assert!(winner("").is_err());
         assert!(of("untried", "x 0.9\nnone 0.1\n").unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_cause_is_beside_a_rest_where_it_is_likelier_so() {
+        let is_beside =
+            |rows: &str| is_beside_a_rest(&table(&format!("hypothesis probability\n{rows}"))).unwrap();
+        assert!(is_beside("x+y+unexplained 0.5\nx+y 0.3\nx 0.2\n"));
+        assert!(!is_beside("x 0.5\nx+unexplained 0.3\ny+unexplained 0.2\n"));
     }
 
     #[test]

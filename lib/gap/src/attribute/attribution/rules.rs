@@ -19,6 +19,12 @@ const CLOSES: [(f64, f64); 3] = [(0.15, 0.0), (0.35, 0.6), (0.9, 1.0)];
 /// The same of several effects together, which imitate more.
 const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
+/// The same of an error of the measurement, and of several. Its form is known to the last digit, and so plain, a constant or a
+/// proportion, that nearly anything unknown has a part of it: an adhesion that is no candidate is an offset and a rest, which
+/// close three quarters to nine tenths.
+const CLOSES_OF_THE_RIG: [(f64, f64); 2] = [(0.7, 0.0), (0.85, 1.0)];
+const CLOSE_TOGETHER_OF_THE_RIG: [(f64, f64); 2] = [(0.85, 0.0), (1.0, 1.0)];
+
 /// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
 /// themselves: what leaves as much as it closes is likelier a part of something unknown that it imitates. One that closes seven
 /// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What closes less than half is no
@@ -48,7 +54,12 @@ fn along(points: &[(f64, f64)], x: f64) -> f64 {
 impl Explanation {
     /// What is kept of its probability beside something else, by the share of the gap that it closes.
     fn kept(&self) -> f64 {
-        along(if self.hypothesis.len() > 1 { &CLOSE_TOGETHER } else { &CLOSES }, self.closes)
+        let (of_any, of_the_rig) = match self.hypothesis.len() {
+            0 | 1 => (&CLOSES, &CLOSES_OF_THE_RIG),
+            _ => (&CLOSE_TOGETHER, &CLOSE_TOGETHER_OF_THE_RIG),
+        };
+        let of_the_rig = if self.is_of_the_rig { along(of_the_rig, self.closes) } else { 1.0 };
+        along(of_any, self.closes).min(of_the_rig)
     }
 
     /// What is kept of its probability where it is alone: all of it where the emulator cannot say how much it closes.
@@ -64,9 +75,11 @@ impl Explanation {
         is_single && self.kept() > 0.0 && self.ahead_of(unknown) > FAR_AHEAD
     }
 
-    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead.
+    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead, which
+    /// an error of the measurement may be that is a part of something unknown.
     pub fn is_clear_of(&self, unknown: &Self) -> bool {
-        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || self.ahead_of(unknown) > BEHIND
+        let is_well_ahead = || !self.is_of_the_rig && self.ahead_of(unknown) > BEHIND;
+        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || is_well_ahead()
     }
 
     /// ln odds by which it is ahead of something unknown alone, after what it loses.
@@ -248,6 +261,18 @@ mod tests {
     }
 
     #[test]
+    fn an_error_of_the_measurement_must_close_more_than_an_effect() {
+        let any = found(Straight::curve(1.3, 0.6, 0.8), 0.01).remove(0);
+        let kept = |effects: usize, closes: f64| {
+            let hypothesis = (0..effects).collect();
+            Explanation { hypothesis, closes, is_of_the_rig: true, ..any.clone() }.kept()
+        };
+        assert_eq!([0.5, 0.7, 0.9].map(|closes| kept(1, closes)), [0.0, 0.0, 1.0]);
+        assert!((kept(1, 0.775) - 0.5).abs() < 1e-12 && (kept(2, 0.925) - 0.5).abs() < 1e-12);
+        assert_eq!([0.85, 1.0].map(|closes| kept(2, closes)), [0.0, 1.0]);
+    }
+
+    #[test]
     fn what_leaves_half_as_much_as_it_does_must_be_far_ahead_of_something_unknown() {
         // Ahead of something unknown by so much, and closing so much.
         let probability = |ahead: f64, closes: f64| {
@@ -291,14 +316,19 @@ mod tests {
 
     #[test]
     fn something_unknown_alone_is_no_rival_to_what_is_well_ahead_or_closes_nearly_all() {
-        let is_clear = |name: &str, closes: f64, ahead: f64| {
+        let is_clear_if = |is_of_the_rig: bool, name: &str, closes: f64, ahead: f64| {
             let [mut of, mut unknown] = as_likely([(name, 0.9), ("unexplained", 0.1)]);
             (of.closes, of.ln_weight, unknown.ln_weight) = (closes, ahead, 0.0);
+            of.is_of_the_rig = is_of_the_rig;
             of.is_clear_of(&unknown)
         };
+        let is_clear = |name: &str, closes: f64, ahead: f64| is_clear_if(false, name, closes, ahead);
         assert!(is_clear("wave+unexplained", 0.8, 11.0) && !is_clear("wave+unexplained", 0.8, 9.0));
         assert!(!is_clear("wave+unexplained", 0.6, 11.0), "it loses three");
         assert!(is_clear("wave+unexplained", 0.9, 1.0) && is_clear("wave", 0.8, 1.0));
+        // An error of the measurement is a part of it, however far ahead.
+        assert!(!is_clear_if(true, "wave+unexplained", 0.8, 11.0));
+        assert!(is_clear_if(true, "wave+unexplained", 0.9, 1.0));
     }
 
     #[test]

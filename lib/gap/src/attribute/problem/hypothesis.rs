@@ -20,6 +20,11 @@ impl Candidate {
             Self::Measured(effect) => &effect.name,
         }
     }
+
+    /// Whether it is an error of the measurement, and not an effect of the simulation.
+    pub fn is_measured(&self) -> bool {
+        matches!(self, Self::Measured(_))
+    }
 }
 
 /// A set of candidates that are in, as ascending positions in the list of candidates.
