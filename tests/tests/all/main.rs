@@ -6,6 +6,7 @@
 mod bad_input;
 mod calibration;
 mod closed_form;
+mod closest;
 mod cluster;
 mod drivers;
 mod embedded;

@@ -1,0 +1,74 @@
+//! Beside a rest, how far the gap closes is measured between the fits of least squares.
+
+use pipelines::folder::Folder;
+
+/// y = a x + wave sin(12 x) is simulated; what is measured is more, and smooth.
+fn case_with_a_rest() -> Folder {
+    let folder = Folder::default();
+    folder.write(
+        "case/params.txt",
+        "name\tlower\tupper\teffect\toff\na\t0\t2\t-\t-\nwave\t0.2\t2\twaving\t0\n",
+    );
+    // Noise of 0.01 that is the same at each run of the test.
+    let reading = |i: u32| (f64::from(i) / 30.0, 0.01 * (f64::from(i * i * 7919 % 101) / 50.0 - 1.0));
+    let curve = |x: f64| 0.8 * x + 0.9 * (12.0 * x).sin() + 0.06 * (5.0 * x).cos();
+    let rows = (0..31).map(reading).map(|(x, noise)| format!("{x}\t{}\n", curve(x) + noise));
+    folder.write("case/obs.txt", format!("x\ty\n{}", rows.collect::<String>()));
+    folder.write(
+        "case/case.toml",
+        "name = \"one\"\ncontrol = \"x\"\nobservables = [\"y\"]\nnoise = { y = 0.01 }\ndesign_num = 50\n\n[model]\n\
+         local = \"awk -f {case}/one.awk -v a={a} -v w={wave} -v name={description}\"\n",
+    );
+    folder.write(
+        "case/one.awk",
+        "BEGIN { CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
+         for (i = 0; i < 31; i++) { x = i / 30; print x \"\\t\" a * x + w * sin(12 * x) > file } }\n",
+    );
+    folder
+}
+
+/// Root mean square of what least squares leave, as a share of the range: by a alone, and by a and the wave.
+fn left_by_least_squares(folder: &Folder) -> [f64; 2] {
+    let (x, y) = (folder.column("case/obs.txt", "x"), folder.column("case/obs.txt", "y"));
+    let s: Vec<f64> = x.iter().map(|x| (12.0 * x).sin()).collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let left = |a: f64, wave: f64| {
+        let square = |i: usize| (y[i] - a * x[i] - wave * s[i]).powi(2);
+        let range = y.iter().copied().fold(f64::MIN, f64::max) - y.iter().copied().fold(f64::MAX, f64::min);
+        ((0..y.len()).map(square).sum::<f64>() / y.len() as f64).sqrt() / range
+    };
+    let determinant = dot(&x, &x) * dot(&s, &s) - dot(&x, &s).powi(2);
+    let a = (dot(&x, &y) * dot(&s, &s) - dot(&s, &y) * dot(&x, &s)) / determinant;
+    let wave = (dot(&x, &x) * dot(&s, &y) - dot(&x, &s) * dot(&x, &y)) / determinant;
+    [left(dot(&x, &y) / dot(&x, &x), 0.0), left(a, wave)]
+}
+
+#[test]
+fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
+    let folder = case_with_a_rest();
+    let said = folder.call("gl-diagnose case --out out", "");
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(said.contains("measured between closest fits"), "{said}");
+    assert_eq!(folder.texts("out/attribution.txt", "hypothesis")[0], "waving+unexplained");
+    assert_eq!(
+        folder.texts("out/shrink-between.txt", "folder"),
+        ["out/closest-base", "out/closest-after-waving"]
+    );
+    let [before, after] = left_by_least_squares(&folder);
+    let all = |column: &str| *folder.column("out/shrink.txt", column).last().unwrap();
+    assert!((all("gap_before") / before - 1.0).abs() < 0.002, "{} {before}", all("gap_before"));
+    assert!((all("gap_after") / after - 1.0).abs() < 0.01, "{} {after}", all("gap_after"));
+    let foretold = |column: &str| folder.column("out/predicted-shrink.txt", column)[0];
+    let shrink = all("shrink");
+    assert!(foretold("shrink_low") < shrink && shrink < foretold("shrink_high"), "{shrink}");
+    // The calibration itself, whose noise is correlated, stays as it is, and does not come as close.
+    let error = |fit: &str| folder.quantity(&format!("out/{fit}/posterior.txt"), "ensemble_error");
+    assert!(error("after-waving") > 1.02 * error("closest-after-waving"));
+    let report = folder.read("out/report.md");
+    assert!(report.contains("`out/closest-base` and `out/closest-after-waving`"), "{report}");
+    assert_eq!(report.matches("runs: closest fit").count(), 2);
+    // Called again it has nothing to do.
+    let calls = folder.read("out/commands.log");
+    folder.run("gl-diagnose case --out out");
+    assert_eq!(folder.read("out/commands.log"), calls);
+}
