@@ -1,7 +1,7 @@
 //! The steps of a diagnosis: calibrate the base model, locate the gap, find its cause, calibrate again with the
 //! cause in, and see how far the gap closes.
 
-mod closest;
+pub(crate) mod closest;
 mod design;
 
 /// The prior with the bounds that the design has gone beyond, in the folder of the diagnosis.
@@ -117,7 +117,7 @@ impl Diagnosis<'_> {
         effects: Option<&str>,
         known: impl FnOnce() -> Result<Option<PathBuf>>,
         inputs: &[PathBuf],
-        given: &[&str],
+        given: &[String],
     ) -> Result<Progress> {
         let posterior = out.join("posterior.txt");
         if is_current(&posterior, inputs)? {

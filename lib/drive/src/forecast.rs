@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::SystemTime;
 
 use anyhow::{Context, Result, bail};
-use gl_case::Case;
 use gl_case::folders::BASE;
+use gl_case::{Case, Posterior};
 use gl_gap::attribute::rounds::Rounds;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
@@ -14,6 +14,7 @@ use gl_table::verdict::Verdicts;
 
 use crate::check::counted;
 use crate::columns::{runs_of_design, runs_of_iteration};
+use crate::diagnose::closest;
 
 /// What there is to do.
 pub(crate) struct Plan<'a> {
@@ -52,7 +53,17 @@ impl Plan<'_> {
     pub(crate) fn diagnosis(&self) -> usize {
         let rounds = self.rounds();
         let further = if self.case.design_num.is_none() { rounds.most_further() } else { 0 };
-        self.likely_diagnosis() + rounds.most_wider() + self.calibration() + further
+        self.likely_diagnosis() + rounds.most_wider() + self.calibration() + self.closest() + further
+    }
+
+    /// Runs of the closest fits at the most.
+    fn closest(&self) -> usize {
+        let is_made = self.case.posterior == Posterior::Emulator;
+        if is_made {
+            2 * closest::iterations(self.case) * runs_of_iteration(self.case, self.prior, 1)
+        } else {
+            0
+        }
     }
 
     fn rounds(&self) -> Rounds {
@@ -91,8 +102,12 @@ impl Plan<'_> {
                 }
                 Some(_) => String::new(),
             };
+            let closest = match self.closest() {
+                0 => String::new(),
+                most => format!(", and up to {most} more where something unknown is beside the cause"),
+            };
             let text = format!(
-                "a diagnosis takes two calibrations and {} runs more: up to {all}{}, and {} more where its box proves too narrow, with another calibration where the prior does{further}: {} at the most",
+                "a diagnosis takes two calibrations and {} runs more: up to {all}{}, and {} more where its box proves too narrow, with another calibration where the prior does{further}{closest}: {} at the most",
                 design.all,
                 in_tests(self.case),
                 design.most_wider(),

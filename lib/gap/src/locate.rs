@@ -420,7 +420,7 @@ fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
             fit.scatter,
             format!(
                 "No stretch stands out, but the readings scatter {:.1} times what was stated: the noise is larger, or \
-                 the gap is spread over all of them.",
+                 the gap is spread over all of them, as an offset is.",
                 fit.scatter
             ),
         );

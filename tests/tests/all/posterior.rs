@@ -346,6 +346,22 @@ fn correlated_noise_that_was_told_white_is_said_and_counted_with() {
 }
 
 #[test]
+fn a_noise_that_is_taken_for_white_may_be_larger_and_is_not_correlated() {
+    let folder = measured(80, 0.8, 2.0, |x| curve(&[0.4, 0.6], x));
+    simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
+    folder.run(&format!("{CALL} --noise y=0.02"));
+    assert!(folder.quantity("summary.txt", "correlation") > 0.5);
+    folder.run(&format!("{CALL} --noise y=0.02 --white"));
+    let said = verdicts(&folder).find("noise-correlated").unwrap().text.clone();
+    assert!(said.contains("it is taken for white"), "{said}");
+    assert_eq!(folder.quantity("summary.txt", "correlation"), 0.0);
+    let inflation = folder.quantity("summary.txt", "inflation");
+    assert!((inflation - 2.0).abs() < 0.7, "{inflation}");
+    let both = format!("{CALL} --noise y=0.02 --white --noise-as-stated");
+    folder.refuses(&both, &["cannot be used with"]);
+}
+
+#[test]
 fn white_noise_that_is_as_stated_is_not_doubted() {
     let folder = measured(80, 0.0, 1.0, |x| curve(&[0.4, 0.6], x));
     simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);

@@ -221,7 +221,7 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     assert!(
         said.contains(
             "a diagnosis takes two calibrations and 50 runs more: up to 114, each in 2 tests, and 50 more where its box proves too narrow, \
-             with another calibration where the prior does: 196 at the most"
+             with another calibration where the prior does, and up to 64 more where something unknown is beside the cause: 260 at the most"
         ),
         "{said}"
     );

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::folders;
+use gl_case::{Case, folders};
 use gl_gap::attribute::winner::is_beside_a_rest;
 
 use super::Diagnosis;
@@ -15,8 +15,10 @@ use crate::calibrate::emulated::of_test_or_none;
 use crate::calibrate::{done, is_settled};
 use crate::step::{copy, join, make_folder};
 
-/// Settings of a closest fit: it begins with the runs of a calibration, and takes few more.
-const SETTINGS: [&str; 2] = ["white=true", "iterations=6"];
+/// Iterations of a closest fit at the most: it begins with the runs of a calibration, and takes few more.
+pub(crate) fn iterations(case: &Case) -> usize {
+    case.iterations.min(6)
+}
 
 impl Diagnosis<'_> {
     /// The folders of the fits that the shrink is measured between: the calibrations without and with the effects, beside a
@@ -56,7 +58,8 @@ impl Diagnosis<'_> {
         let mut inputs = self.inputs();
         inputs.push(of.join("posterior.txt"));
         let known = || self.runs_of(of, &out.join("known")).map(Some);
-        self.calibrated(&out, effects, known, &inputs, &SETTINGS)
+        let settings = ["white=true".to_owned(), format!("iterations={}", iterations(self.case))];
+        self.calibrated(&out, effects, known, &inputs, &settings)
     }
 
     /// The runs of a calibration as `samples.txt` and the ensemble of each test in a folder.

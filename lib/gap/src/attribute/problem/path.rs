@@ -94,19 +94,25 @@ impl Path {
 }
 
 impl Path {
-    /// Steps of the control in words: between two values, or where the control turns somewhere, as a path.
+    /// Steps of the control in words: one value, between two, or where the control turns somewhere, as a path.
     pub fn told(&self, control: &str, steps: &Range<usize>) -> String {
         let values = &self.control;
+        let is_one = steps.len() == 1;
         let (from, to) = apart(values[steps.start], values[steps.end - 1]);
         let turns = self.turns();
         if turns.is_empty() {
-            return format!("between {control} {from} and {to}");
+            return if is_one {
+                format!("at {control} {from}")
+            } else {
+                format!("between {control} {from} and {to}")
+            };
         }
         let next = (steps.start + 1).min(values.len() - 1);
         let way = if values[next] >= values[next - 1] { "rising" } else { "falling" };
         let inside: Vec<usize> =
             turns.into_iter().filter(|&t| steps.start < t && t + 1 < steps.end).collect();
         match inside.as_slice() {
+            [] if is_one => format!("with {control} {way} at {from}"),
             [] => format!("with {control} {way} from {from} to {to}"),
             [turn] => {
                 format!(
@@ -200,6 +206,8 @@ mod tests {
         assert_eq!(path.told("u", &(3..5)), "with u falling from 1.5 to 0.5");
         assert_eq!(path.told("u", &(0..6)), "with u rising from 0, over 2 turns, to 1");
         assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(0..3)), "between e 0 and 2");
+        assert_eq!(path.told("u", &(3..4)), "with u falling at 1.5");
+        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(1..2)), "at e 1");
         // To as many digits as tell its ends apart, where three do not.
         assert_eq!(Path::new(&[2.7, 2.70012, 2.70034]).told("e", &(1..3)), "between e 2.7001 and 2.7003");
     }
