@@ -82,6 +82,7 @@ const DOUBTS: &[&str] = &[
     "emulator-ignorant",
     "noise-too-small",
     "noise-too-large",
+    "scatter-too-large",
     "too-few-inside",
     "loo-unreliable",
     // of gl-gap-attribute

@@ -9,8 +9,9 @@ use gl_drive::{Progress, Request};
 /// Diagnose a case: calibrate it, locate the gap, find its cause, put that in and see how far the gap closes
 ///
 /// DIR gets base (the calibration), locate.txt, design (runs with effects on and off), attribution.txt, winner.txt,
-/// after-EFFECT (the calibration with it), shrink.txt and the report. Interrupted at any moment and called again, it
-/// goes on where it was. The model of a case is a program: it runs with your rights.
+/// after-EFFECT (the calibration with it), closest-base and closest-after-EFFECT (where something unknown is beside it, the
+/// fits of least squares), shrink.txt and the report. Interrupted at any moment and called again, it goes on where it was.
+/// The model of a case is a program: it runs with your rights.
 ///
 /// Exit code: 0 done; 1 runs are in the queue (--no-wait); 2 error.
 #[derive(Parser)]

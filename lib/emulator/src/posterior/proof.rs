@@ -23,7 +23,20 @@ pub struct Proof {
     /// Root mean square of the errors, over all readings, in standard deviations of the noise; the median of the runs
     /// that fit well, and zero where none does: far from the posterior anything may surprise.
     pub error: f64,
+    /// What the scatter makes a run differ by from the mean of all like it, in the same unit.
+    pub scatter: f64,
 }
+
+impl Proof {
+    /// Whether runs that fit well lie so much nearer to the mean than the scatter would have them that there is less of it:
+    /// what no emulator follows, a kink or a jump, is taken for scatter, too.
+    pub fn has_less_scatter(&self) -> bool {
+        self.scatter > 1.0 && self.error > 0.0 && self.error < 0.5 * self.scatter && 1.0 - self.p < LESS
+    }
+}
+
+/// Probability below which runs that are so near to the mean by chance are out of the question.
+const LESS: f64 = 1e-3;
 
 /// Error that no likelihood feels, in standard deviations of the noise of all readings together.
 const NEGLIGIBLE: f64 = 0.3;
@@ -63,7 +76,17 @@ pub fn prove(
     squares.sort_by(f64::total_cmp);
     let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
     let p = ChiSquared::new(degrees).map_or(1.0, |law| 1.0 - law.cdf(total));
-    Ok(Some(Proof { runs, z: (total / degrees).sqrt(), p, error: median }))
+    let scatter = size_of_scatter(before, measured);
+    Ok(Some(Proof { runs, z: (total / degrees).sqrt(), p, error: median, scatter }))
+}
+
+/// Root mean square of the scatter over all readings, in standard deviations of the noise.
+fn size_of_scatter(surrogate: &Surrogate, measured: &Measured) -> f64 {
+    let emulator = &surrogate.emulator;
+    let (outputs, k) = emulator.basis().shape();
+    let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
+    let covariance = surrogate.scatter.of_scores(emulator, measured);
+    ((&pattern * covariance).component_mul(&pattern).sum().max(0.0) / outputs as f64).sqrt()
 }
 
 /// The square of a run's error in standard deviations of what was predicted, its degrees of freedom, and
@@ -92,4 +115,23 @@ fn surprise(
         None => return (0.0, 0.0, f64::INFINITY),
     };
     (square, k as f64, (residual.norm_squared() / outputs as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_that_are_nearer_to_the_mean_than_scatter_would_have_them_show_less_of_it() {
+        let near = Proof { runs: 8, z: 0.2, p: 1.0, error: 0.1, scatter: 3.0 };
+        assert!(near.has_less_scatter());
+        for other in [
+            Proof { error: 2.0, ..near },
+            Proof { error: 0.0, ..near },
+            Proof { scatter: 0.5, ..near },
+            Proof { p: 0.99, ..near },
+        ] {
+            assert!(!other.has_less_scatter(), "{other:?}");
+        }
+    }
 }

@@ -212,6 +212,7 @@ impl Inference {
         }
         self.say_of_correlation(options, &mut verdicts);
         self.say_of_noise(&mut verdicts);
+        self.say_of_scatter(options, &mut verdicts);
         self.say_of_emulator(&mut verdicts);
         leaning_verdicts(&self.parameters(), &mut verdicts);
         verdicts
@@ -268,6 +269,22 @@ impl Inference {
                     "the best fit is better than the noise explains (χ² {value:.0} on {degrees:.0} degrees of freedom, \
                      probability {}); is the noise smaller than stated?",
                     said(1.0 - p)
+                ),
+            );
+        }
+    }
+
+    fn say_of_scatter(&self, options: Options, verdicts: &mut Verdicts) {
+        let is_counted = options.scatter != Some(0.0);
+        if let Some(proof) = self.proof.filter(|proof| is_counted && proof.has_less_scatter()) {
+            verdicts.add(
+                "scatter-too-large",
+                format!("{:.3}", proof.scatter),
+                format!(
+                    "the newest runs lie within {:.2} standard deviations of the noise of what the others say of them, where \
+                     all runs together seem to scatter by {:.2}: what no emulator follows far from here looks like scatter, \
+                     and the fit better than it is. If the same parameters give the same curve, say scatter = 0",
+                    proof.error, proof.scatter
                 ),
             );
         }

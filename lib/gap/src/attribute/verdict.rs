@@ -684,7 +684,10 @@ mod tests {
             said(&diagnosis)
         };
         let text = said_where(-1.0, 0.3).unwrap();
-        assert!(text.starts_with("wave may be in it, too, beside what is unknown: c from 0 up to 0."), "{text}");
+        assert!(
+            text.starts_with("wave may be in it, too, beside what is unknown: c from 0 up to 0."),
+            "{text}"
+        );
         assert!(text.ends_with("(0.9, if it is), which closes 30 % of the gap"), "{text}");
         assert!(said_where(-3.0, 0.3).is_none() && said_where(-1.0, 0.04).is_none());
         said_where(-1.0, 0.6);
