@@ -230,7 +230,7 @@ impl Bench {
     /// every run is of another specimen.
     ///
     /// # Errors
-    /// If a run fails.
+    /// If every run fails.
     pub fn design(
         &self,
         without: &[&str],
@@ -241,14 +241,16 @@ impl Bench {
         let prior = self.prior_without(without);
         let count = runs_an_input * prior.parameters().len();
         let values = design::draw(&prior, &Effects::Switch, Method::Halton, count, seed, true)?;
-        self.run(&prior, values, scatter, 0, seed)
+        let design = self.run(&prior, values, scatter, 0, seed)?;
+        ensure!(!design.1.is_empty(), "an empty design, or one of which every run fails");
+        Ok(design)
     }
 
     /// Run samples of a prior, which may lack some effects: an iteration of a design. With `scatter` every
     /// run is of another specimen. What the world refuses, beyond its bounds, has no run.
     ///
     /// # Errors
-    /// If the iteration is none, or every run fails.
+    /// If the iteration is none.
     pub fn run(
         &self,
         prior: &Prior,
@@ -276,7 +278,6 @@ impl Bench {
                 ensemble.push(name, curves, None);
             }
         }
-        ensure!(!ensemble.is_empty(), "an empty design, or one of which every run fails");
         Ok((Samples { source: "samples".to_owned(), names, parameters: prior.names(), values }, ensemble))
     }
 }
