@@ -14,7 +14,8 @@ pub fn closest(calibration: &Path) -> PathBuf {
     calibration.with_file_name(format!("closest-{name}"))
 }
 
-/// The table of the two calibrations that a shrink was measured between: part folder.
+/// The table of the two calibrations that a shrink was measured between, `part folder`, by their names in the folder of the
+/// diagnosis.
 pub const SHRINK_BETWEEN: &str = "shrink-between.txt";
 
 /// The calibration with some effects in, of a diagnosis in `out`: commas part the effects, but no part of its name, since

@@ -221,7 +221,8 @@ impl Diagnosis<'_> {
             return Ok(Progress::InQueue);
         };
         let between = self.file(SHRINK_BETWEEN);
-        let rows = format!("part\tfolder\nbefore\t{}\nafter\t{}\n", base.display(), after.display());
+        let name = |folder: &Path| folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let rows = format!("part\tfolder\nbefore\t{}\nafter\t{}\n", name(&base), name(&after));
         put(&between, rows.as_bytes())?;
         if is_current(&table, &[between, base.join("posterior.txt"), after.join("posterior.txt")])? {
             return Ok(Progress::Finished);

@@ -407,14 +407,10 @@ impl Closed {
         };
         let between = Table::read(&out.join(SHRINK_BETWEEN))?;
         let folders = between.format().column("folder")?;
-        let is_closest = |folder: &String| {
-            *folder != base.folder.display().to_string() && *folder != after.folder.display().to_string()
-        };
+        let closest = (0..between.len()).map(|row| out.join(between.field(row, folders)));
+        let closest = closest.filter(|folder| *folder != base.folder && *folder != after.folder);
         let measured = Measured {
-            closest: (0..between.len())
-                .map(|row| between.field(row, folders).to_owned())
-                .filter(is_closest)
-                .collect(),
+            closest: closest.map(|folder| folder.display().to_string()).collect(),
             verdict: verdict::read(&out.join("shrink-verdict.txt"))?,
             shrink: Grid::read(&table, usize::MAX)?,
             unseen,

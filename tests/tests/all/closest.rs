@@ -50,10 +50,7 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let said = String::from_utf8_lossy(&said.stderr).into_owned();
     assert!(said.contains("measured between closest fits"), "{said}");
     assert_eq!(folder.texts("out/attribution.txt", "hypothesis")[0], "waving+unexplained");
-    assert_eq!(
-        folder.texts("out/shrink-between.txt", "folder"),
-        ["out/closest-base", "out/closest-after-waving"]
-    );
+    assert_eq!(folder.texts("out/shrink-between.txt", "folder"), ["closest-base", "closest-after-waving"]);
     let [before, after] = left_by_least_squares(&folder);
     let all = |column: &str| *folder.column("out/shrink.txt", column).last().unwrap();
     assert!((all("gap_before") / before - 1.0).abs() < 0.002, "{} {before}", all("gap_before"));
