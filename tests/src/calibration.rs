@@ -23,6 +23,36 @@ pub fn copy_case(folder: &Folder, name: &str, settings: &[(&str, &str)]) {
     set(folder, settings);
 }
 
+/// A case of a curve over x from 0 to 1, simulated by awk, as `case`: what is measured is `curve` and a noise of 0.01 that
+/// is the same at each run of a test.
+///
+/// * `variables` — `-v NAME={PARAMETER} …`, of the `simulated` expression in x.
+pub fn write_curve(
+    folder: &Folder,
+    (name, params): (&str, &str),
+    curve: impl Fn(f64) -> f64,
+    (variables, simulated): (&str, &str),
+) {
+    let reading = |i: u32| (f64::from(i) / 30.0, 0.01 * (f64::from(i * i * 7919 % 101) / 50.0 - 1.0));
+    let rows = (0..31).map(reading).map(|(x, noise)| format!("{x}\t{}\n", curve(x) + noise));
+    folder.write("case/params.txt", params);
+    folder.write("case/obs.txt", format!("x\ty\n{}", rows.collect::<String>()));
+    folder.write(
+        "case/case.toml",
+        format!(
+            "name = \"{name}\"\ncontrol = \"x\"\nobservables = [\"y\"]\nnoise = {{ y = 0.01 }}\ndesign_num = 50\n\n[model]\n\
+             local = \"awk -f {{case}}/curve.awk {variables} -v name={{description}}\"\n"
+        ),
+    );
+    folder.write(
+        "case/curve.awk",
+        format!(
+            "BEGIN {{ CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
+             for (i = 0; i < 31; i++) {{ x = i / 30; print x \"\\t\" {simulated} > file }} }}\n"
+        ),
+    );
+}
+
 /// Replace settings of `case/case.toml`.
 pub fn set(folder: &Folder, settings: &[(&str, &str)]) {
     let mut lines: Vec<String> = folder.read("case/case.toml").lines().map(str::to_owned).collect();

@@ -98,7 +98,7 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
         let Some(stops) = iteration.make()? else { return Ok(Progress::InQueue) };
         say(words::iteration(i, &iteration.folder)?)?;
         // By weights it would be another fit, and take hundreds of runs.
-        is_over = stops && i + 1 >= until || case.white && iteration.falls_back();
+        is_over = stops && i + 1 >= until || case.white && draws::falls_back(&iteration.folder);
         if is_over {
             break;
         }
@@ -166,7 +166,7 @@ pub(crate) fn is_settled(out: &Path) -> Result<bool> {
     let stop = Table::read(&last.join("stop.txt"))?;
     let (criterion, met) = (stop.format().column("criterion")?, stop.format().column("met")?);
     let is_settled = |row| stop.field(row, criterion) == "settled" && stop.field(row, met) == "yes";
-    Ok((0..stop.len()).any(is_settled) && !last.join(draws::FALLBACK).exists())
+    Ok((0..stop.len()).any(is_settled) && !draws::falls_back(&last))
 }
 
 /// How many iterations are done.

@@ -1,28 +1,16 @@
 //! Beside a rest, how far the gap closes is measured between the fits of least squares.
 
+use pipelines::calibration::write_curve;
 use pipelines::folder::Folder;
 
 /// y = a x + wave sin(12 x) is simulated; what is measured is more, and smooth.
 fn case_with_a_rest() -> Folder {
     let folder = Folder::default();
-    folder.write(
-        "case/params.txt",
-        "name\tlower\tupper\teffect\toff\na\t0\t2\t-\t-\nwave\t0.2\t2\twaving\t0\n",
-    );
-    // Noise of 0.01 that is the same at each run of the test.
-    let reading = |i: u32| (f64::from(i) / 30.0, 0.01 * (f64::from(i * i * 7919 % 101) / 50.0 - 1.0));
-    let curve = |x: f64| 0.8 * x + 0.9 * (12.0 * x).sin() + 0.06 * (5.0 * x).cos();
-    let rows = (0..31).map(reading).map(|(x, noise)| format!("{x}\t{}\n", curve(x) + noise));
-    folder.write("case/obs.txt", format!("x\ty\n{}", rows.collect::<String>()));
-    folder.write(
-        "case/case.toml",
-        "name = \"one\"\ncontrol = \"x\"\nobservables = [\"y\"]\nnoise = { y = 0.01 }\ndesign_num = 50\n\n[model]\n\
-         local = \"awk -f {case}/one.awk -v a={a} -v w={wave} -v name={description}\"\n",
-    );
-    folder.write(
-        "case/one.awk",
-        "BEGIN { CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
-         for (i = 0; i < 31; i++) { x = i / 30; print x \"\\t\" a * x + w * sin(12 * x) > file } }\n",
+    write_curve(
+        &folder,
+        ("one", "name\tlower\tupper\teffect\toff\na\t0\t2\t-\t-\nwave\t0.2\t2\twaving\t0\n"),
+        |x| 0.8 * x + 0.9 * (12.0 * x).sin() + 0.06 * (5.0 * x).cos(),
+        ("-v a={a} -v w={wave}", "a * x + w * sin(12 * x)"),
     );
     folder
 }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::time::SystemTime;
 
 use gl_table::verdict::Verdicts;
+use pipelines::calibration::write_curve;
 use pipelines::folder::Folder;
 use pipelines::path_with_tools;
 
@@ -188,24 +189,14 @@ fn of_winner(folder: &Folder, test: &str, observable: &str) -> Vec<(f64, f64, f6
 #[test]
 fn a_pair_of_causes_is_put_in_and_how_far_the_gap_closes_is_said() {
     let folder = Folder::default();
-    folder.write(
-        "case/params.txt",
-        "name\tlower\tupper\teffect\toff\na\t0\t2\t-\t-\nbend\t0.2\t2\tbending\t0\nwave\t0.2\t2\twaving\t0\n",
-    );
-    let curve = |x: f64| 0.8 * x + 1.1 * x * x + 0.9 * (12.0 * x).sin();
-    // Noise of 0.01 that is the same at each run of the test.
-    let reading = |i: u32| (f64::from(i) / 30.0, 0.01 * (f64::from(i * i * 7919 % 101) / 50.0 - 1.0));
-    let rows = (0..31).map(reading).map(|(x, noise)| format!("{x}\t{}\n", curve(x) + noise));
-    folder.write("case/obs.txt", format!("x\ty\n{}", rows.collect::<String>()));
-    folder.write(
-        "case/case.toml",
-        "name = \"pair\"\ncontrol = \"x\"\nobservables = [\"y\"]\nnoise = { y = 0.01 }\ndesign_num = 50\n\n[model]\n\
-         local = \"awk -f {case}/pair.awk -v a={a} -v b={bend} -v w={wave} -v name={description}\"\n",
-    );
-    folder.write(
-        "case/pair.awk",
-        "BEGIN { CONVFMT = \"%.12g\"; file = name \"_sim.txt\"; print \"x\\ty\" > file\n\
-         for (i = 0; i < 31; i++) { x = i / 30; print x \"\\t\" a * x + b * x * x + w * sin(12 * x) > file } }\n",
+    write_curve(
+        &folder,
+        (
+            "pair",
+            "name\tlower\tupper\teffect\toff\na\t0\t2\t-\t-\nbend\t0.2\t2\tbending\t0\nwave\t0.2\t2\twaving\t0\n",
+        ),
+        |x| 0.8 * x + 1.1 * x * x + 0.9 * (12.0 * x).sin(),
+        ("-v a={a} -v b={bend} -v w={wave}", "a * x + b * x * x + w * sin(12 * x)"),
     );
     folder.run("gl-diagnose case --out out");
     assert_eq!(folder.read("out/winner.txt"), "bending,waving\n");

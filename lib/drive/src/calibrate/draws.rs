@@ -12,20 +12,25 @@ use crate::columns::{all_tests, of_test, runs_of_iteration, varied, weighed_runs
 use crate::step::{Call, Messages, copy, is_current, write};
 
 /// Why an iteration and those after it are read from the weights of the runs, where they are.
-pub(crate) const FALLBACK: &str = "fallback.txt";
+const FALLBACK: &str = "fallback.txt";
+
+/// Whether an iteration, by its folder, was left to the weights of the runs.
+pub(crate) fn falls_back(iteration: &Path) -> bool {
+    iteration.join(FALLBACK).exists()
+}
 
 impl Iteration<'_> {
     /// Whether the posterior is sampled through an emulator: the case says so, and no iteration before found that
     /// this does not do.
     pub(crate) fn is_drawn(&self) -> Result<bool> {
-        let is_left = |i: usize| self.setting.folder(i).join(FALLBACK).exists();
+        let is_left = |i: usize| falls_back(&self.setting.folder(i));
         Ok(self.setting.case.posterior == Posterior::Emulator && !(0..self.number).any(is_left))
     }
 
     /// Runs of this iteration.
     pub(crate) fn runs(&self) -> usize {
         let (case, prior) = (self.setting.case, self.setting.prior);
-        let is_left = (0..self.number).any(|i| self.setting.folder(i).join(FALLBACK).exists());
+        let is_left = (0..self.number).any(|i| falls_back(&self.setting.folder(i)));
         match case.num {
             None if is_left => weighed_runs(varied(prior, &case.effects)),
             // Runs that are there already stand for some of the first ones.
@@ -77,7 +82,7 @@ impl Iteration<'_> {
         let mut ensembles: Vec<PathBuf> = known.iter().flat_map(|known| known.ensembles.clone()).collect();
         ensembles.extend(self.tables_of_tests("ensemble.txt"));
         let verdict = self.file("posterior-verdict.txt");
-        if self.file(FALLBACK).exists() && is_current(&self.file(FALLBACK), &ensembles)? {
+        if falls_back(&self.folder) && is_current(&self.file(FALLBACK), &ensembles)? {
             return Ok(false);
         }
         let mut inputs = self.setting.given();
@@ -121,11 +126,6 @@ impl Iteration<'_> {
             (0..=self.number).map(move |i| of_test(test, &file(i)))
         };
         self.setting.case.tests.iter().flat_map(of).collect()
-    }
-
-    /// Whether no emulator did here.
-    pub(crate) fn falls_back(&self) -> bool {
-        self.file(FALLBACK).exists()
     }
 
     /// From here on the weights of the runs have to do.

@@ -43,6 +43,12 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// The components of an emulator in standard deviations of the noise, shape (readings, components).
+    pub fn patterns(&self, emulator: &Emulator) -> DMatrix<f64> {
+        let (outputs, k) = emulator.basis().shape();
+        DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / self.base[o])
+    }
+
     /// What the readings have more than a curve that the emulator gives, in their own units, shape
     /// (observables · steps).
     pub fn residual(&self, curve: &[f64]) -> Vec<f64> {

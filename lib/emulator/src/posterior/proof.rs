@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use anyhow::Result;
 use gl_inference::samples::Samples;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::likelihood::Measured;
@@ -83,10 +83,9 @@ pub fn prove(
 /// Root mean square of the scatter over all readings, in standard deviations of the noise.
 fn size_of_scatter(surrogate: &Surrogate, measured: &Measured) -> f64 {
     let emulator = &surrogate.emulator;
-    let (outputs, k) = emulator.basis().shape();
-    let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
+    let pattern = measured.patterns(emulator);
     let covariance = surrogate.scatter.of_scores(emulator, measured);
-    ((&pattern * covariance).component_mul(&pattern).sum().max(0.0) / outputs as f64).sqrt()
+    ((&pattern * covariance).component_mul(&pattern).sum().max(0.0) / pattern.nrows() as f64).sqrt()
 }
 
 /// The square of a run's error in standard deviations of what was predicted, its degrees of freedom, and
@@ -101,7 +100,7 @@ fn surprise(
     let emulator = &before.emulator;
     let (mean, variance) = emulator.predict_scores(&space.coordinates(x));
     let (outputs, k) = emulator.basis().shape();
-    let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
+    let pattern = measured.patterns(emulator);
     let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
     let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);

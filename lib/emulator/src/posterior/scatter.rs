@@ -56,7 +56,7 @@ impl Scatter {
                 own[(i, c)] = left[(i, c)] * (nugget / variance).min(1.0).sqrt();
             }
         }
-        let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / base[o]);
+        let pattern = measured.patterns(emulator);
         // Where the last components are nothing but scatter, so is what they leave over.
         let last = emulator.nugget().into_iter().skip(k - k.div_ceil(4));
         let last_share = (last.sum::<f64>() / k.div_ceil(4).max(1) as f64).clamp(0.0, 1.0);
@@ -96,7 +96,7 @@ impl Scatter {
     /// shows in them, too.
     pub fn of_scores(&self, emulator: &Emulator, measured: &Measured) -> DMatrix<f64> {
         let (outputs, k) = emulator.basis().shape();
-        let pattern = DMatrix::from_fn(outputs, k, |o, c| emulator.basis()[(o, c)] / measured.base[o]);
+        let pattern = measured.patterns(emulator);
         let weight: DVector<f64> =
             DVector::from_fn(k, |c, _| pattern.column(c).norm_squared().max(f64::MIN_POSITIVE));
         // Scores are patternᵀ y / |pattern|², whose patterns are orthogonal.

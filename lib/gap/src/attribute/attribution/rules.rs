@@ -75,8 +75,8 @@ impl Explanation {
         is_single && self.kept() > 0.0 && self.ahead_of(unknown) > FAR_AHEAD
     }
 
-    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead, which
-    /// an error of the measurement may be that is a part of something unknown.
+    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead. An
+    /// error of the measurement may be well ahead and a part of something unknown.
     pub fn is_clear_of(&self, unknown: &Self) -> bool {
         let is_well_ahead = || !self.is_of_the_rig && self.ahead_of(unknown) > BEHIND;
         !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || is_well_ahead()
