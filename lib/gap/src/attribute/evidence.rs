@@ -391,16 +391,16 @@ mod tests {
         (ln, model.outliers().to_vec())
     }
 
-    fn off_at(readings: &[usize], by: f64) -> Vec<f64> {
+    fn off(readings: &[(usize, f64)]) -> Vec<f64> {
         let mut values = noisy(0.0);
-        readings.iter().for_each(|&i| values[i] += by);
+        readings.iter().for_each(|(i, by)| values[*i] += by);
         values
     }
 
     #[test]
     fn a_reading_that_is_far_off_is_noticed_and_costs_little() {
-        let (clean, none) = of_base(off_at(&[], 0.0));
-        let (off, outliers) = of_base(off_at(&[17], 0.4));
+        let (clean, none) = of_base(off(&[]));
+        let (off, outliers) = of_base(off(&[(17, 0.4)]));
         assert_eq!((none, outliers), (vec![], vec![17]));
         // Odds of one to a hundred, a density spread over ten standard deviations; 32 nats if it were normal.
         assert!(clean - off > 4.0 && clean - off < 10.0, "{clean} {off}");
@@ -408,10 +408,13 @@ mod tests {
 
     #[test]
     fn readings_that_are_far_off_in_a_row_are_a_signal() {
-        let (two, outliers) = of_base(off_at(&[17, 18], 1.0));
+        let (two, outliers) = of_base(off(&[(17, 1.0), (18, 1.0)]));
         assert_eq!(outliers, vec![17, 18]);
-        let (three, outliers) = of_base(off_at(&[17, 18, 19], 1.0));
+        let (three, outliers) = of_base(off(&[(17, 1.0), (18, 1.0), (19, 1.0)]));
         assert_eq!(outliers, vec![]);
         assert!(two - three > 20.0, "{two} {three}");
+        // A peak would be three outliers, each by itself.
+        let (_, outliers) = of_base(off(&[(17, 0.4), (18, 0.8), (19, 0.4)]));
+        assert_eq!(outliers, vec![]);
     }
 }
