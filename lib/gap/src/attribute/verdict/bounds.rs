@@ -1,0 +1,54 @@
+//! Parameters that are beyond what was believed of them, and bounds that the measurement leans on.
+
+use gl_inference::prior::Prior;
+use gl_table::verdict::Verdicts;
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::lean::Lean;
+use crate::attribute::attribution::marginals::{Marginal, marginals};
+use crate::attribute::diagnosis::Diagnosis;
+use crate::attribute::problem::Problem;
+use crate::attribute::problem::path::short;
+
+/// Parameters that are beyond what was believed of them: with a probability of 0.95.
+pub(super) fn add_beyond(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    first: &Explanation,
+    believed: (&Prior, &str),
+) {
+    let (prior, source) = believed;
+    for Marginal { name, mean, sd, low, high, .. } in marginals(problem, first) {
+        let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
+            continue;
+        };
+        let (side, bound) = if low > parameter.upper {
+            ("upper", parameter.upper)
+        } else if high < parameter.lower {
+            ("lower", parameter.lower)
+        } else {
+            continue;
+        };
+        verdicts.add("beyond-prior", &name, format!(
+            "under {} {name} is {} ± {}, beyond its {side} bound, {bound} in {source}: what was believed of it was wrong, or something imitates it; what follows holds with the wider bound",
+            first.name, short(mean), short(sd)
+        ));
+    }
+}
+
+pub(super) fn add_lean(verdicts: &mut Verdicts, lean: &Lean, diagnosis: &Diagnosis, bounds: &str) {
+    /// Below this probability within the bounds it is said how small it is.
+    const SMALL: f64 = 0.05;
+    let of = diagnosis.rows.iter().find(|row| row.name == lean.hypothesis);
+    let within = match of.map(|of| of.probability).filter(|probability| *probability < SMALL) {
+        Some(probability) => format!(", whose probability within its bounds is {},", short(probability)),
+        None => String::new(),
+    };
+    let (side, relation) = if lean.is_upper { ("upper", "larger") } else { ("lower", "smaller") };
+    // One that was made wider has digits of rounding.
+    let bound = format!("{:.5e}", lean.bound).parse().unwrap_or(lean.bound);
+    verdicts.add("leans", &lean.parameter, format!(
+        "under {}{within} the measurement wants {} to be {relation} than its {side} bound, {bound} in {bounds}: the truth may lie outside, and no cause is settled before the bound is wider and runs are made there",
+        lean.hypothesis, lean.parameter
+    ));
+}

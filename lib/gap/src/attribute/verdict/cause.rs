@@ -1,0 +1,356 @@
+//! The cause, or why there is none, and how much of the gap it closes.
+
+use anyhow::Result;
+use gl_table::verdict::Verdicts;
+
+use super::{LITTLE, percent, rest};
+use crate::attribute::attribution::marginals::{Marginal, marginals};
+use crate::attribute::attribution::untried::Untried;
+use crate::attribute::attribution::{Explanation, UNEXPLAINED};
+use crate::attribute::diagnosis::{Diagnosis, shrink};
+use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::{Candidate, name};
+use crate::attribute::problem::path::short;
+use crate::attribute::settled::{SETTLED, base_fits, is_clear_of_unknown, is_settled, may_close};
+
+/// Shares of the gap that differ by more are two, and their units are said.
+const ANOTHER: f64 = 0.05;
+
+/// The cause, or why there is none.
+pub(super) fn add(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    seed: u64,
+) -> Result<()> {
+    let first = diagnosis.first();
+    let is_settled = is_settled(problem, diagnosis);
+    if diagnosis.is_unproven() {
+        add_unproven(verdicts, problem, diagnosis);
+    } else if first.is_cause() {
+        add_effects(verdicts, problem, diagnosis, is_settled, seed)?;
+    } else if first.has_rest {
+        add_unknown(verdicts, problem, diagnosis, is_settled);
+    } else {
+        add_none(verdicts, first, is_settled);
+    }
+    Ok(())
+}
+
+/// That the base model comes first: settled unless it takes a noise that was not believed.
+fn add_none(verdicts: &mut Verdicts, first: &Explanation, is_settled: bool) {
+    let (probability, is_doubted) = (first.probability, first.doubted() > 0.0);
+    let needed = if probability < SETTLED || is_doubted { "seems to be needed" } else { "is needed" };
+    let mut text =
+        format!("no effect {needed}: the base model explains the measurement, probability {probability:.2}");
+    if is_doubted {
+        text += &format!(
+            ", if readings scatter {} times what was stated: their noise is larger, or something as rough as noise is at work, which is no candidate",
+            short(first.noise_scale)
+        );
+    }
+    verdicts.add(if is_settled { "none" } else { "unsettled" }, "none", text);
+}
+
+/// That something unknown comes first, and which effects come nearest.
+fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
+    let first = diagnosis.stated();
+    if let Some((of, Untried { ignorance, closes, .. })) = may_close(diagnosis) {
+        verdicts.add("unsettled", UNEXPLAINED, format!(
+            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
+            name(&of.hypothesis, &problem.candidates), percent(*closes)
+        ));
+        return;
+    }
+    if let Some(of) = diagnosis.confounded() {
+        add_as_likely(verdicts, problem, diagnosis, of);
+        return;
+    }
+    let text = match diagnosis.attribution.nearest() {
+        None => format!("something else than the base model is at work, probability {first:.2}"),
+        Some(of) if first < SETTLED && diagnosis.attribution.probability_of(of) < LITTLE => {
+            format!("something else than the base model seems to be at work, probability {first:.2}")
+        }
+        Some(of) if first < SETTLED => format!(
+            "something else seems to be at work, probability {first:.2}, or {}, probability {:.2}, which closes {} % of the gap",
+            name(&of.hypothesis, &problem.candidates),
+            diagnosis.attribution.probability_of(of),
+            percent(of.closes)
+        ),
+        Some(of) => {
+            let none = format!(
+                "none of the candidates explains the measurement: something else is at work, probability {first:.2}"
+            );
+            if of.closes < LITTLE {
+                format!("{none}; the likeliest of them closes nothing of the gap")
+            } else {
+                format!(
+                    "{none}; the nearest candidate is {}, which closes {} % of the gap and is no answer",
+                    name(&of.hypothesis, &problem.candidates),
+                    percent(of.closes)
+                )
+            }
+        }
+    };
+    if is_settled {
+        verdicts.add("unexplained", first, text);
+    } else {
+        verdicts.add("unsettled", UNEXPLAINED, text);
+    }
+}
+
+/// That something unknown comes first, though the measurement is as likely with an effect.
+fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, of: &Explanation) {
+    let first = diagnosis.stated();
+    let effect = name(&of.hypothesis, &problem.candidates);
+    let beside = if of.has_rest { " beside something smaller" } else { "" };
+    let odds = (of.evidence.ln - diagnosis.first().evidence.ln).exp();
+    let times = match odds {
+        ..1.5 => String::new(),
+        1e3.. => "more than 1000 times ".to_owned(),
+        _ => format!("{} times ", short(odds)),
+    };
+    verdicts.add("unsettled", UNEXPLAINED, format!(
+        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is {times}as likely, and {effect} closes {} % of the gap",
+        percent(of.closes)
+    ));
+    let base = problem.prior.base().len();
+    let sizes: Vec<String> = marginals(problem, of)
+        .into_iter()
+        .skip(base)
+        .map(|Marginal { name, mean, sd, .. }| format!("{name} = {} ± {}", short(mean), short(sd)))
+        .collect();
+    let sizes = sizes.join(", ");
+    let told = match of.hypothesis.first().map(|&candidate| &problem.candidates[candidate]) {
+        Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} of the range has to show"),
+        _ => format!("a test under other conditions would, where {effect} has to show with {sizes}"),
+    };
+    let names = diagnosis.rows[0].confounded.join(",");
+    let text = format!("this measurement cannot tell {effect} from something unknown; {told}");
+    verdicts.add("confounded", names, text);
+}
+
+/// That effects come first, of which too little is known to call them the cause.
+fn add_unproven(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let effects = name(&diagnosis.first().hypothesis, &problem.candidates);
+    let (probability, left) = (diagnosis.stated(), percent(diagnosis.rows[0].left));
+    verdicts.add("unsettled", &effects, format!(
+        "{effects} comes first, probability {probability:.2}, but no run shows it: by what is known of it {left} % of the gap would be left"
+    ));
+    verdicts.add("untried", diagnosis.ignorance, format!(
+        "where {effects} fits best the emulator is uncertain by {:.1} times noise and scatter: further runs there, --next-out, would tell",
+        diagnosis.ignorance
+    ));
+}
+
+/// That effects come first, and how much of the gap they close.
+fn add_effects(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    is_settled: bool,
+    seed: u64,
+) -> Result<()> {
+    let first = diagnosis.first();
+    let (effects, probability) = (name(&first.hypothesis, &problem.candidates), diagnosis.stated());
+    let base = diagnosis.attribution.base();
+    let is_part = first.has_rest && !first.closes_most();
+    let code = match (is_settled, first.has_rest) {
+        (false, _) => "unsettled",
+        (true, _) if is_part => "part",
+        (true, false) => "cause",
+        (true, true) => "cause-with-rest",
+    };
+    let (is_in, explains) = if is_settled { ("is", "explains") } else { ("may be", "may explain") };
+    let text = if is_part {
+        format!(
+            "{effects} {is_in} in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
+            percent(first.closes),
+            rest::places(problem, first)
+        )
+    } else if first.has_rest {
+        format!(
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}",
+            percent(first.closes),
+            if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
+            rest::places(problem, first)
+        )
+    } else {
+        format!("{effects} {explains} it: probability {probability:.2}")
+    };
+    verdicts.add(code, &effects, text);
+    let closes = shrink(problem, base, first, seed)?;
+    let (low, high) = (percent(closes.low), percent(closes.high));
+    let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
+    // An observable that is noisy over its range counts for less in units of its noise.
+    let is_another = (closes.median - first.closes).abs() > ANOTHER;
+    let units = match (is_another, first.has_rest) {
+        (false, _) => String::new(),
+        (true, true) => ", each observable as a share of its range; above, in units of its noise".to_owned(),
+        (true, false) => format!(
+            ", each observable as a share of its range; {} % in units of its noise",
+            percent(first.closes)
+        ),
+    };
+    verdicts.add(
+        "closes",
+        closes.median,
+        format!("adding it should close {} %{interval} of the gap{units}", percent(closes.median)),
+    );
+    if base_fits(problem, diagnosis) {
+        verdicts.add("base-fits", &effects, format!(
+            "but the base model fits as well as noise and scatter allow: {effects} is more probable than not to be there, and nothing has to be explained by it"
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::attribution::lean::Lean;
+    use crate::attribute::attribution::untried::untried;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::Straight;
+
+    /// What is said of the cause where something unknown comes first with this probability, and the emulator has this variance.
+    fn said_of_something_unknown(probability: f64, variance: f64) -> String {
+        let (predictor, prior) = (Straight::unsure(variance), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.attribution.explanations[0].probability = probability;
+        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        verdicts.rows.remove(0).text
+    }
+
+    #[test]
+    fn something_unknown_is_not_settled_beside_an_effect_that_would_close_most_and_is_not_known() {
+        let said = said_of_something_unknown(0.99, 2.5e-3);
+        assert!(said.contains("but wave would close") && said.contains("neither is settled"), "{said}");
+        let said = said_of_something_unknown(0.99, 1e-8);
+        assert!(said.contains("none of the candidates explains the measurement"), "{said}");
+        let said = said_of_something_unknown(0.6, 1e-8);
+        assert!(said.contains("seems to be at work, probability 0.60, or wave, probability"), "{said}");
+    }
+
+    #[test]
+    fn something_unknown_is_not_settled_beside_an_effect_with_which_the_measurement_is_as_likely() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.attribution.explanations[0].probability = 0.99;
+        diagnosis.rows[0].confounded = vec!["wave+unexplained".to_owned(), "offset(y)".to_owned()];
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        let [answer, confounded] = &verdicts.rows[..] else { panic!("{:?}", verdicts.rows) };
+        assert_eq!((answer.code.as_str(), answer.value.as_str()), ("unsettled", "unexplained"));
+        assert!(
+            answer.text.contains(
+                "with wave beside something smaller the measurement is more than 1000 times as likely"
+            ),
+            "{}",
+            answer.text
+        );
+        assert_eq!(
+            (confounded.code.as_str(), confounded.value.as_str()),
+            ("confounded", "wave+unexplained,offset(y)")
+        );
+        assert!(confounded.text.contains("where wave has to show with c = "), "{}", confounded.text);
+        diagnosis.rows[0].confounded.remove(0);
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        assert!(
+            verdicts.rows[1].text.contains("a check of the rig would: offset(y) = "),
+            "{:?}",
+            verdicts.rows
+        );
+    }
+
+    /// The code and the value of the answer where this hypothesis comes first with this probability, a bound is leaned
+    /// on or not, and the readings scatter so many times what was stated.
+    fn answer(name: &str, probability: f64, leans: bool, noise_scale: f64) -> (String, String) {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let explanations = &mut diagnosis.attribution.explanations;
+        explanations.sort_by_key(|of| of.name != name);
+        explanations.iter_mut().for_each(|of| of.probability = 0.0);
+        (explanations[0].probability, explanations[0].noise_scale) = (probability, noise_scale);
+        if leans {
+            let (parameter, hypothesis) = ("a".to_owned(), name.to_owned());
+            diagnosis.leans.push(Lean { parameter, bound: 2.0, is_upper: true, by: 0.1, hypothesis });
+        }
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+        let first = verdicts.rows.remove(0);
+        (first.code, first.value)
+    }
+
+    #[test]
+    fn whatever_comes_first_is_not_settled_below_four_fifths_or_where_a_bound_is_leaned_on() {
+        for (name, code, value) in
+            [("none", "none", "none"), ("wave", "cause", "wave"), ("unexplained", "unexplained", "0.85")]
+        {
+            assert_eq!(answer(name, 0.85, false, 1.0), (code.to_owned(), value.to_owned()));
+            for (probability, leans) in [(0.75, false), (0.85, true)] {
+                assert_eq!(answer(name, probability, leans, 1.0), ("unsettled".to_owned(), name.to_owned()));
+            }
+        }
+    }
+
+    #[test]
+    fn an_effect_beside_a_rest_is_settled_only_where_something_unknown_alone_is_no_rival() {
+        let answer = |ahead: f64| {
+            let (predictor, prior) = (Straight::new(), Straight::prior());
+            let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            let explanations = &mut diagnosis.attribution.explanations;
+            explanations.sort_by_key(|of| of.name != "wave+unexplained");
+            explanations.iter_mut().for_each(|of| of.probability = 0.0);
+            let unknown = explanations.iter().find(|of| of.is_unknown()).unwrap().ln_weight;
+            let first = &mut explanations[0];
+            (first.probability, first.closes, first.ln_weight) = (0.85, 0.8, unknown + ahead);
+            let mut verdicts = Verdicts::default();
+            add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            let first = verdicts.rows.remove(0);
+            (first.code, first.text)
+        };
+        let (code, text) = answer(11.0);
+        assert!(code == "cause-with-rest" && text.contains("wave is in it (0.85) and closes 80 %"), "{text}");
+        let (code, text) = answer(9.0);
+        assert!(code == "unsettled" && text.contains("wave may be in it (0.85)"), "{text}");
+        assert!(text.contains("something else makes the rest, or all of it"), "{text}");
+    }
+
+    #[test]
+    fn a_share_that_is_another_in_units_of_noise_says_its_units() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let said = |closes: f64| {
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations[0].closes = closes;
+            let mut verdicts = Verdicts::default();
+            add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            verdicts.find("closes").unwrap().text.clone()
+        };
+        assert_eq!(said(0.97), "adding it should close 100 % (99 to 100 %) of the gap");
+        let units = ", each observable as a share of its range; 60 % in units of its noise";
+        assert_eq!(said(0.6), format!("adding it should close 100 % (99 to 100 %) of the gap{units}"));
+    }
+
+    #[test]
+    fn that_no_effect_is_needed_is_not_settled_by_a_noise_that_was_not_believed() {
+        assert_eq!(answer("none", 0.85, false, 2.0).0, "none");
+        assert_eq!(answer("none", 0.85, false, 5.9), ("unsettled".to_owned(), "none".to_owned()));
+    }
+}

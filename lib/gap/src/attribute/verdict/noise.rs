@@ -1,0 +1,81 @@
+//! How the readings scatter, where it is otherwise than stated, and which are far off.
+
+use gl_table::verdict::Verdicts;
+
+use crate::attribute::attribution::Explanation;
+use crate::attribute::problem::Problem;
+use crate::attribute::problem::path::short;
+use crate::noise::OTHER_NOISE;
+
+/// Above this correlation from one reading to the next the noise is said to be correlated.
+const CORRELATED: f64 = 0.35;
+
+/// How the readings scatter, if otherwise than stated, and which are far off.
+pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
+    let nuisances = first.model(problem).nuisances(first.best());
+    for (j, name) in problem.observables.iter().enumerate() {
+        let scale = nuisances.scales[j];
+        if problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale) {
+            verdicts.add(
+                "noise-scale",
+                scale,
+                format!(
+                    "the readings of {name} scatter {} times what was stated; the verdict is by what they do",
+                    short(scale)
+                ),
+            );
+        }
+        if nuisances.phi[j] > CORRELATED {
+            verdicts.add(
+                "noise-correlation",
+                nuisances.phi[j],
+                format!(
+                    "the noise of {name} is correlated from one reading to the next by about {:.1}",
+                    nuisances.phi[j]
+                ),
+            );
+        }
+    }
+    for (j, name) in problem.observables.iter().enumerate() {
+        let (own, test) = (problem.own(j), problem.test_of(j));
+        let steps = first.outliers.iter().filter(|i| own.contains(i)).map(|i| i - own.start);
+        let (readings, at): (Vec<String>, Vec<String>) =
+            steps.map(|step| (step.to_string(), short(test.path.control()[step]))).unzip();
+        let (which, are) = match readings.len() {
+            0 => continue,
+            1 => ("reading", "looks like an outlier, and counts"),
+            _ => ("readings", "look like outliers, and count"),
+        };
+        let text = format!(
+            "{which} {} of {name}, at {} {}, {are} for little (the first is 0)",
+            all_of(&readings),
+            test.control_name,
+            all_of(&at)
+        );
+        verdicts.add("outliers", readings.join(","), text);
+    }
+}
+
+/// A list in words.
+fn all_of(list: &[String]) -> String {
+    match list {
+        [others @ .., last] if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+        _ => list.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn a_list_is_told_with_and_before_the_last() {
+        let told = |list: &[&str]| all_of(&list.iter().map(|&of| of.to_owned()).collect::<Vec<_>>());
+        assert_eq!(
+            [told(&["8"]), told(&["8", "19"]), told(&["0", "4", "36"])],
+            ["8", "8 and 19", "0, 4 and 36"]
+        );
+    }
+}

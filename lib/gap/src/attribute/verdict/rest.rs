@@ -1,0 +1,53 @@
+//! Something unknown beside the effects: where it is, and what it goes with.
+
+use anyhow::Result;
+use gl_table::verdict::Verdicts;
+
+use super::percent;
+use crate::attribute::attribution::Explanation;
+use crate::attribute::attribution::rest::{GoesWith, goes_with, rest};
+use crate::attribute::problem::Problem;
+
+/// What a rest goes with, if it clearly goes with something, and what else it goes with nearly as well.
+pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) -> Result<()> {
+    /// Share of its square from which something is worth naming.
+    const CLEARLY: f64 = 0.4;
+    /// From this share of the largest on, two cannot be told apart.
+    const NEARLY: f64 = 0.85;
+    if !first.has_rest {
+        return Ok(());
+    }
+    let all = goes_with(problem, first)?;
+    if let Some(most) = all.first().filter(|most| most.share >= CLEARLY) {
+        let name = &problem.observables[most.observable];
+        let mut text = format!(
+            "what is left of {name} goes with {} ({} % of it), as {} would",
+            most.what,
+            percent(most.share),
+            most.like
+        );
+        let is_near = |other: &&GoesWith| {
+            other.observable == most.observable
+                && other.share > NEARLY * most.share
+                && other.like != most.like
+        };
+        for other in all[1..].iter().filter(is_near) {
+            text += &format!(
+                "; and nearly as well with {} ({} %), as {} would",
+                other.what,
+                percent(other.share),
+                other.like
+            );
+        }
+        verdicts.add("rest-goes-with", &most.what, text);
+    }
+    Ok(())
+}
+
+/// Where most of a rest is: the observable and the stretch of the control, with a comma before.
+pub(super) fn places(problem: &Problem<'_>, of: &Explanation) -> String {
+    rest(problem, of).map_or_else(String::new, |rest| {
+        let (observable, stretch) = rest.place(problem);
+        format!(", in {}", problem.told(observable, &stretch))
+    })
+}

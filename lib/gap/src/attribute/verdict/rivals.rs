@@ -1,0 +1,133 @@
+//! What comes next, what cannot be told from the first, and what would tell them apart.
+
+use anyhow::Result;
+use gl_table::verdict::Verdicts;
+
+use crate::attribute::attribution::confounding::difference;
+use crate::attribute::attribution::forecast::{Effort, effort};
+use crate::attribute::attribution::told::{Told, told};
+use crate::attribute::attribution::{Attribution, Explanation};
+use crate::attribute::diagnosis::Diagnosis;
+use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::{is_part, name};
+use crate::attribute::settled::SETTLED;
+
+/// Which tests tell the cause from the nearest other one.
+pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    /// A test with this gain tells them at 19 to 1 by itself.
+    const TELLS: f64 = 5.89;
+    let Some((rival, tests)) = told(problem, &diagnosis.attribution.explanations, diagnosis.first()) else {
+        return;
+    };
+    let effects = name(&diagnosis.first().hypothesis, &problem.candidates);
+    let (by, others): (Vec<&Told>, Vec<&Told>) = tests.iter().partition(|told| told.gain() >= TELLS);
+    if by.is_empty() {
+        return;
+    }
+    let listed = |of: &[&Told]| {
+        let each = of.iter().map(|told| format!("{} ({:.1} and {:.1})", told.test, told.first, told.rival));
+        each.collect::<Vec<_>>().join(", ")
+    };
+    let mut text = format!(
+        "{effects} is told from {} by {}: what either leaves there, fitted to all tests, in standard deviations of noise and scatter",
+        rival.name,
+        listed(&by)
+    );
+    if !others.is_empty() {
+        text += &format!("; not by {}", listed(&others));
+    }
+    let names: Vec<&str> = by.iter().map(|told| told.test.as_str()).collect();
+    verdicts.add("told-by", names.join(","), text);
+}
+
+/// What comes next, what cannot be told from the first, and what would tell them apart.
+pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let Attribution { explanations } = &diagnosis.attribution;
+    let (first, of_first) = (&diagnosis.rows[0], diagnosis.first());
+    let rival = explanations.iter().find(|of| !of.says_as(of_first));
+    let is_open = diagnosis.stated() < SETTLED;
+    if let (true, Some(rival)) = (is_open, rival) {
+        let (rival, own) = (&rival.name, diagnosis.attribution.probability_of(rival));
+        verdicts.add("next", rival, format!("not settled: next comes {rival} with probability {own:.2}"));
+    }
+    // The rival that a further measurement should tell from the first: one that it is confounded with, else
+    // the next in line.
+    let is_said = is_open || !of_first.is_cause();
+    let rival = diagnosis.confounded().or(rival.filter(|of| is_said && !of.is_unknown()));
+    let Some(rival) = rival.filter(|_| !of_first.is_unknown()) else { return Ok(()) };
+    if !first.confounded.is_empty() {
+        verdicts.add(
+            "confounded",
+            first.confounded.join(","),
+            format!("this measurement cannot tell {} from {}", first.name, first.confounded.join(", ")),
+        );
+    }
+    if let Some(at) = difference(problem, of_first, rival).filter(|_| is_open || !first.confounded.is_empty())
+    {
+        verdicts.add("measure-at", &problem.observables[at.observable], format!(
+            "{} and {} differ most in {}, by {:.1} standard deviations of a reading: measure there again, or beyond",
+            of_first.name,
+            rival.name,
+            problem.told(at.observable, &at.steps),
+            at.height
+        ));
+    }
+    add_effort(verdicts, problem, diagnosis, rival)
+}
+
+/// What it would take to tell the first from a rival.
+fn add_effort(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    rival: &Explanation,
+) -> Result<()> {
+    let first = diagnosis.first();
+    let probability = |of: &Explanation| diagnosis.attribution.probability_of(of).max(f64::MIN_POSITIVE);
+    let ln_odds = |truth: &Explanation, other: &Explanation| (probability(truth) / probability(other)).ln();
+    // The truth is one of them. That an effect is absent is what is left when it would have been seen.
+    let ways = if is_part(&first.hypothesis, &rival.hypothesis) {
+        vec![(rival, first)]
+    } else if is_part(&rival.hypothesis, &first.hypothesis) {
+        vec![(first, rival)]
+    } else {
+        vec![(first, rival), (rival, first)]
+    };
+    let efforts = ways.into_iter().map(|(truth, other)| effort(problem, truth, other, ln_odds(truth, other)));
+    let efforts: Vec<Option<Effort>> = efforts.collect::<Result<_>>()?;
+    let named = |of: &Explanation| name(&of.hypothesis, &problem.candidates);
+    let (one, other) = if rival.is_cause() { (rival, first) } else { (first, rival) };
+    let pair = format!("{} from {}", named(one), named(other));
+    let hardest = efforts.into_iter().collect::<Option<Vec<Effort>>>();
+    let Some(Effort { runs, measurements }) =
+        hardest.and_then(|all| all.into_iter().max_by_key(|effort| (effort.measurements, effort.runs)))
+    else {
+        verdicts.add("effort", "none", format!(
+            "neither further runs nor measurements like this one will tell {pair}, as large as they fit: measure something else"
+        ));
+        return Ok(());
+    };
+    let (value, text) = match (measurements, runs) {
+        (1, 0) => return Ok(()),
+        (1, runs) => (
+            format!("runs={runs}"),
+            format!(
+                "about {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+            ),
+        ),
+        (many, 0) => (
+            format!("measurements={many}"),
+            format!(
+                "the mean of about {many} measurements like this one would tell {pair}, as large as they fit"
+            ),
+        ),
+        (many, runs) => (
+            format!("measurements={many},runs={runs}"),
+            format!(
+                "the mean of about {many} measurements like this one, with {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+            ),
+        ),
+    };
+    verdicts.add("effort", value, text);
+    Ok(())
+}
