@@ -506,8 +506,10 @@ fn runs(
     let measured = closed.and_then(|closed| Some((closed, closed.measured.as_ref()?)));
     if let (Some((closed, measured)), Some(after)) = (measured, after) {
         runs.push(of_calibration(format!("with {}", closed.with), &measured.stage.standing, after)?);
-        for folder in &measured.closest {
-            let closest = Calibration::read(Path::new(folder))?;
+        // They are made whether or not the gap is measured between them.
+        let made = [base, after].map(|of| folders::closest(&of.folder));
+        for folder in made.iter().filter(|folder| folder.join("posterior.txt").exists()) {
+            let closest = Calibration::read(folder)?;
             runs.push(of_calibration("closest fit".to_owned(), &closest.standing()?, &closest)?);
         }
     }

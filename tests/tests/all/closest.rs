@@ -56,4 +56,10 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let calls = folder.read("out/commands.log");
     folder.run("gl-diagnose case --out out");
     assert_eq!(folder.read("out/commands.log"), calls);
+    // Runs that were made are told where the gap is not measured between their fits.
+    folder.write("out/shrink-between.txt", "part\tfolder\nbefore\tbase\nafter\tafter-waving\n");
+    folder.run("gl-report case --out out");
+    let report = folder.read("out/report.md");
+    assert!(!report.contains("`out/closest-base` and"), "{report}");
+    assert_eq!(report.matches("runs: closest fit").count(), 2);
 }

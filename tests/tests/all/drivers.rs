@@ -430,6 +430,28 @@ fn a_design_goes_beyond_a_prior_that_excludes_the_truth_and_that_is_said_first()
     assert!(folder.path("made/base-wider/posterior.txt").exists());
 }
 
+#[test]
+fn a_box_goes_beyond_the_prior_twice_and_no_further() {
+    let folder = Folder::default();
+    copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
+    // 9.2 is in it.
+    let params = folder.read("case/params.txt").replace("E_m\t8.5\t10", "E_m\t8.5\t8.6");
+    folder.write("case/params.txt", params);
+    driver(&folder, "gl-diagnose").args(["case", "--out", "made", "design_num=40"]).output().unwrap();
+    let calls = folder.read("made/commands.log");
+    let is_beyond: Vec<bool> = calls
+        .lines()
+        .filter(|call| call.contains("gl-box widen"))
+        .map(|call| call.contains("--beyond"))
+        .collect();
+    // It may be made wider within the prior of another parameter before.
+    let within = is_beyond.iter().position(|is_beyond| !is_beyond).expect("no call without --beyond");
+    assert!(within >= 2 && !is_beyond[within..].contains(&true), "{is_beyond:?}");
+    let place = folder.texts("made/design/params.txt", "name").iter().position(|name| name == "E_m").unwrap();
+    let upper = folder.column("made/design/params.txt", "upper")[place];
+    assert!(upper > 8.65 && upper < 8.75, "{upper}");
+}
+
 /// The tools that work in a folder.
 fn at_work(folder: &Folder) -> Vec<String> {
     let here = fs::canonicalize(folder.path("")).unwrap();
