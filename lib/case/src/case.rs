@@ -457,9 +457,9 @@ fn test(
         for (name, _) in rows {
             ensure!(
                 known.contains(name),
-                "{}: {key}: no observable {name}; {}",
+                "{}: {key}: no observable {name}: observables names {}",
                 places.of_setting(&at(own, &format!("{key}.{name}"))),
-                suggestion(name, &known, "they are")
+                known.join(", ")
             );
         }
         ensure!(

@@ -14,6 +14,9 @@ pub fn closest(calibration: &Path) -> PathBuf {
     calibration.with_file_name(format!("closest-{name}"))
 }
 
+/// The table of what the draws of a calibration predict of each reading, in its folder and in those of its iterations.
+pub const CURVES: &str = "posterior-curves.txt";
+
 /// The table of the two calibrations that a shrink was measured between, `part folder`, by their names in the folder of the
 /// diagnosis.
 pub const SHRINK_BETWEEN: &str = "shrink-between.txt";

@@ -89,7 +89,7 @@ fn a_value_of_the_wrong_kind_is_refused_by_line() {
         ("num = 30", "num = 30\nnum = 31", "case/case.toml:7: duplicate key"),
         ("num = 30", "num = ", "case/case.toml:6: "),
         ("f = 0.005", "f = -1", "case/case.toml:4: noise: f = -1 where a number above 0"),
-        ("f = 0.005", "g = 0.005", "case/case.toml:4: noise: no observable g; did you mean f?"),
+        ("f = 0.005", "g = 0.005", "case/case.toml:4: noise: no observable g: observables names f"),
         (", t = 1", "", "case/case.toml:4: noise: give it for each of f, t"),
         ("\"u\"", "\"f\"", "case/case.toml:3: f is the control"),
         ("\"u\"", "\"\"", "case/case.toml:2: control: \"\" is no column"),

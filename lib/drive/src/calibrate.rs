@@ -9,8 +9,10 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use gl_case::folders::CURVES;
 use gl_engine::lock::OutLock;
 use gl_table::Table;
+use gl_table::verdict::{Verdicts, is_doubt};
 
 use crate::arguments::Request;
 use crate::check;
@@ -114,9 +116,20 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
             .arg(folder.join("summary.txt"));
         runner.ask(&call)?;
     }
+    show_doubts(&folder)?;
     finish(&setting, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
+}
+
+/// Say what is doubtful about the posterior of an iteration, where it is one of draws.
+fn show_doubts(iteration: &Path) -> Result<()> {
+    let verdict = iteration.join("posterior-verdict.txt");
+    if verdict.exists() {
+        let doubts = Verdicts::read(&verdict)?.rows.into_iter().filter(|said| is_doubt(&said.code));
+        doubts.for_each(|said| gl_cli::note("gl-posterior", said.text));
+    }
+    Ok(())
 }
 
 /// The folder for this driver alone. One that was killed leaves steps that end soon.
@@ -152,7 +165,13 @@ fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
         let beside = Some(folder.join(of_runs)).filter(|beside| beside.exists());
         copy(&beside.unwrap_or_else(|| folder.join(table)), &out.join(of_runs))?;
     }
-    Ok(())
+    let (curves, target) = (folder.join(CURVES), out.join(CURVES));
+    if curves.exists() {
+        copy(&curves, &target)
+    } else {
+        let _ = std::fs::remove_file(target);
+        Ok(())
+    }
 }
 
 /// Whether a calibration ended by a criterion and not by the number of its iterations, through an emulator to the last.

@@ -60,6 +60,12 @@ pub(crate) fn measured(call: Call, case: &Case, which: Which) -> Call {
     })
 }
 
+/// The units of a case, as tools take them.
+pub(crate) fn units(case: &Case) -> Option<String> {
+    let units: Vec<String> = case.units.iter().map(|(name, unit)| format!("{name}={unit}")).collect();
+    (!units.is_empty()).then(|| units.join(","))
+}
+
 /// The ensemble of each test in a folder, as tools take them.
 pub(crate) fn ensembles(case: &Case, folder: &Path) -> Vec<std::ffi::OsString> {
     let of = |test: &Test| of_test(test, &folder.join(of_test_or_none("ensemble", test, "")));

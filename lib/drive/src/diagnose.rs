@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use gl_case::folders::{self, BASE, BASE_WIDER, SHRINK_BETWEEN};
 use gl_case::{Case, Engine, Posterior, Test};
+use gl_gap::attribute::attribution::UNEXPLAINED;
 use gl_gap::attribute::winner::{is_of_the_measurement, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
@@ -23,7 +24,7 @@ use crate::Progress;
 use crate::arguments::Request;
 use crate::calibrate::{RUNS_WEIGHTS, alone};
 use crate::check;
-use crate::columns::{Which, ensembles, measured};
+use crate::columns::{Which, ensembles, measured, units};
 use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};
 
 /// What all steps of a diagnosis have in common.
@@ -52,7 +53,13 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
         "{}: commas part the tables that gl-gap-shrink takes; choose a folder without",
         out.display()
     );
-    check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    let (prior, _) = check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    ensure!(
+        !(prior.effects().is_empty() && case.measurement.is_empty()),
+        "{}: there is no candidate to explain a gap with; name the effect of a parameter in the column effect, with its value in off, or errors of the rig in measurement of {}",
+        case.params().display(),
+        case.file().display()
+    );
     let _lock = alone(&out, "gl-diagnose")?;
     let runner = Runner::new(&out)?;
     let settings = request.keep(engine, &out)?;
@@ -176,6 +183,7 @@ impl Diagnosis<'_> {
         }
         let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
             .flag("-w", base.join(RUNS_WEIGHTS))
+            .option("--units", units(self.case))
             .verdict(&self.file("locate-verdict.txt"))
             .flag("-o", &table)
             .args(ensembles(self.case, base));
@@ -213,6 +221,7 @@ impl Diagnosis<'_> {
         if !is_current(&located, &[self.file("winner.txt"), after.join("posterior.txt")])? {
             let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
                 .flag("-w", after.join(RUNS_WEIGHTS))
+                .option("--units", units(self.case))
                 .flag("-o", located)
                 .args(ensembles(self.case, &after));
             self.runner.must(&call, Messages::Kept(&self.file("locate-after.log")))?;
@@ -244,6 +253,8 @@ impl Diagnosis<'_> {
                 .flag("-o", self.file("shrink-unseen.txt"));
             self.must(&unseen, "shrink-unseen.log")?;
         }
+        let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &effects).unwrap_or(false));
+        let call = call.option("--foretold", foretold.map(|table| table.display().to_string()));
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;
         Ok(Progress::Finished)
     }
@@ -325,4 +336,21 @@ fn seen(case: &Case) -> Option<String> {
 /// Put a text into a file so that what depends on it is made again.
 pub(crate) fn renew(from: &Path, to: &Path) -> Result<()> {
     write(to, &std::fs::read(from)?)
+}
+
+/// How far the gap is foretold to close by each cause, the likeliest first.
+const FORETOLD: &str = "predicted-shrink.txt";
+
+/// Whether what is foretold first is of these effects, and of no error of the measurement beside them.
+fn is_of(foretold: &Path, effects: &str) -> Result<bool> {
+    let table = Table::read(foretold)?;
+    if table.is_empty() {
+        return Ok(false);
+    }
+    let hypothesis = table.field(0, table.format().column("hypothesis")?);
+    let mut own: Vec<&str> = hypothesis.split('+').filter(|effect| *effect != UNEXPLAINED).collect();
+    let mut wanted: Vec<&str> = effects.split(',').collect();
+    own.sort_unstable();
+    wanted.sort_unstable();
+    Ok(own == wanted)
 }

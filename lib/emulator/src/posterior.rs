@@ -6,6 +6,7 @@
 //! far all this can be trusted; [`Inference::next_runs`] says which runs would tell most.
 
 mod batch;
+mod curves;
 mod held_out;
 pub mod likelihood;
 pub mod mixture;
@@ -306,6 +307,10 @@ impl Asked<'_> {
         if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
             // What was predicted too boldly may well be so again: of both widths the larger.
             surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
+        }
+        if let Some(proof) = proof.filter(|proof| options.white && proof.has_less_scatter()) {
+            // A fit of least squares is to come as close as it can; a posterior had better be wide where in doubt.
+            surrogate.scatter = surrogate.scatter.times((proof.error / proof.scatter).powi(2));
         }
         let sampler = Sampler { surrogate: &surrogate, space, measured, options, near: &self.near };
         let outcome = sampler.settle(&self.nuisances, &self.population)?;

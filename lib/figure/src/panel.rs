@@ -9,6 +9,9 @@ const TICK: f64 = 2.5;
 /// Below the frame: tick labels and the title of the axis.
 const BELOW: f64 = TICK + SMALL + LARGE + 5.0;
 
+/// What is shaded is as wide as this at the least.
+const NARROWEST: f64 = 2.5;
+
 /// How far the title of an axis may reach past the ends of its frame, on both sides together.
 const PAST_THE_ENDS: f64 = 5.0;
 const SECOND_LINE: f64 = LARGE + 1.5;
@@ -182,7 +185,11 @@ impl Panel {
     pub fn stripe(&mut self, title: &str, (from, to): (f64, f64), share: f64, paint: Paint) {
         let ((x0, _), (x1, _)) = (self.at((from, self.y.span.low)), self.at((to, self.y.span.low)));
         let y0 = self.rect.y1 - share * self.rect.height();
-        self.add(title, vec![area(Rect { x0: x0.min(x1), x1: x0.max(x1), y0, ..self.rect }, paint)]);
+        // One reading is seen, too.
+        let more = (0.5 * (NARROWEST - (x1 - x0).abs())).max(0.0);
+        let (left, right) = (x0.min(x1) - more, x0.max(x1) + more);
+        let (x0, x1) = (left.max(self.rect.x0), right.min(self.rect.x1));
+        self.add(title, vec![area(Rect { x0, x1, y0, ..self.rect }, paint)]);
     }
 
     /// The panel with its axes drawn.

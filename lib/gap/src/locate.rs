@@ -15,6 +15,7 @@ use crate::attribute::problem::path::Path;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::fit::{self, Fit};
 use gl_inference::observations::Observations;
+use gl_inference::units::Units;
 use gl_table::verdict::Verdicts;
 
 /// A stretch of the control axis over which the gap of one observable is taken to be constant.
@@ -326,12 +327,12 @@ pub fn fits_tests(tests: &[Located<'_>], parameters: usize) -> Result<Fit> {
 
 /// What is concluded, for people and for programs.
 pub fn verdict(stretches: &[Stretch], fit: &Fit, observations: &Observations) -> Verdicts {
-    verdict_of_tests(&[("", observations, stretches)], fit)
+    verdict_of_tests(&[("", observations, stretches)], fit, &Units::default())
 }
 
 /// What is concluded of several tests: the name of each, its measurement and its stretches. Where it has a name, its
-/// observables are called `test.observable`.
-pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit) -> Verdicts {
+/// observables are called `test.observable`. `units` are those of the controls, as far as they are known.
+pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit, units: &Units) -> Verdicts {
     struct Found {
         test: usize,
         observable: usize,
@@ -370,7 +371,8 @@ pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit) 
     };
     let place = |found: &Found| {
         let (_, observations, _) = tests[found.test];
-        let told = Path::new(&observations.control).told(&observations.control_name, &found.steps);
+        let control = observations.control_name.as_str();
+        let told = Path::new(&observations.control).told(control, units.get(control), &found.steps);
         format!("in {} {told} ({:.0} % of it)", name(found), 100.0 * found.share)
     };
     // A sentence is read for where to look first; the table has the rest.

@@ -420,12 +420,52 @@ pub fn verdict(all: &Shrink, is_unseen: bool) -> Verdicts {
     verdicts
 }
 
+/// Add whether the gap closed otherwise than was foretold, by the ends of that interval: then either the emulator or the box
+/// of the design did not hold where the model fits best.
+pub fn add_foretold(verdicts: &mut Verdicts, all: &Shrink, (low, high): (f64, f64)) {
+    /// What emulators, and a noise that is counted otherwise, may make it differ by.
+    const ALLOWED: f64 = 0.1;
+    if all.before > all.floor_before && !(low - ALLOWED..=high + ALLOWED).contains(&all.shrink) {
+        verdicts.add(
+            "not-as-foretold",
+            all.shrink,
+            format!(
+                "It was foretold to close by {} to {} %. What is measured counts: the runs of the design, or their emulator, do not \
+                 hold where the model with the effect fits best, and what was said of the cause by them is in doubt.",
+                percent(low),
+                percent(high)
+            ),
+        );
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::synthetic::{case, linear, noiseless_case};
     use super::*;
 
     const STEPS: usize = 40;
+
+    #[test]
+    fn a_gap_that_closes_otherwise_than_foretold_is_said() {
+        let all = Shrink {
+            before: 0.1,
+            after: 0.02,
+            floor_before: 0.01,
+            floor: 0.01,
+            shrink: 0.97,
+            low: 0.95,
+            high: 0.99,
+            noise_scale: 1.0,
+        };
+        let said = |foretold: (f64, f64)| {
+            let mut verdicts = Verdicts::default();
+            add_foretold(&mut verdicts, &all, foretold);
+            verdicts.find("not-as-foretold").map(|said| said.text.clone())
+        };
+        assert!(said((0.41, 0.47)).unwrap().starts_with("It was foretold to close by 41 to 47 %."));
+        assert_eq!((said((0.41, 0.9)), said((0.96, 1.0))), (None, None));
+    }
 
     /// Observations and two calibrations that miss them by `before` and `after`.
     struct Pair {

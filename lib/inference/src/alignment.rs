@@ -57,7 +57,9 @@ pub fn align(
         let branch = Interpolation::new(control, given);
         // Where two branches meet, the turning point belongs to the first.
         for &at in &measured[wanted.from + usize::from(k > 0)..=wanted.to] {
-            let place = branch.place(at, end_tolerance * span)?;
+            let place = branch
+                .place(at, end_tolerance * span)
+                .ok_or_else(|| branch.ends_before(&measured[wanted.from..=wanted.to]))?;
             for (aligned, curve) in aligned.iter_mut().zip(curves) {
                 aligned.push(branch.at(curve, place));
             }
@@ -151,28 +153,37 @@ impl Interpolation {
         Self { points }
     }
 
-    fn place(&self, at: f64, tolerance: f64) -> Result<Place, Failure> {
+    /// Where a control value lies; nowhere beyond the ends.
+    fn place(&self, at: f64, tolerance: f64) -> Option<Place> {
         let next = self.points.partition_point(|&(control, _)| control < at);
         let end = |i: usize| {
             let (control, row) = self.points[i];
-            if (control - at).abs() <= tolerance {
-                Ok(Place { below: row, above: row, share: 0.0 })
-            } else {
-                Err(Failure::Truncated(format!("reaches {control} where the measurement goes to {at}")))
-            }
+            ((control - at).abs() <= tolerance).then_some(Place { below: row, above: row, share: 0.0 })
         };
         if next == self.points.len() {
             return end(next - 1);
         }
         let (high, above) = self.points[next];
         if high == at {
-            return Ok(Place { below: above, above, share: 0.0 });
+            return Some(Place { below: above, above, share: 0.0 });
         }
         if next == 0 {
             return end(0);
         }
         let (low, below) = self.points[next - 1];
-        Ok(Place { below, above, share: (at - low) / (high - low) })
+        Some(Place { below, above, share: (at - low) / (high - low) })
+    }
+
+    /// That it does not reach as far as a path.
+    fn ends_before(&self, measured: &[f64]) -> Failure {
+        let ends = |values: &mut dyn Iterator<Item = f64>| {
+            values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)))
+        };
+        let own = ends(&mut self.points.iter().map(|point| point.0));
+        let wanted = ends(&mut measured.iter().copied());
+        let is_short_above = wanted.1 - own.1 > own.0 - wanted.0;
+        let (reaches, goes) = if is_short_above { (own.1, wanted.1) } else { (own.0, wanted.0) };
+        Failure::Truncated(format!("reaches {reaches} where the measurement goes to {goes}"))
     }
 
     fn at(&self, curve: &[f64], place: Place) -> f64 {

@@ -31,6 +31,7 @@ pub mod stack;
 pub mod stop;
 pub mod summary;
 pub mod times;
+pub mod units;
 pub mod weights;
 
 pub use anyhow::Result;

@@ -284,8 +284,13 @@ pub fn verdicts(readings: &[Reading], is_restated: bool) -> Verdicts {
         (
             "covers",
             format!(
-                "{lie}, as they should ({least} to {most}): the measurement looks like a draw from the posterior{}",
-                if is_restated { ", with its noise counted as said above" } else { "" }
+                "{lie}, as they should ({least} to {most}): {}",
+                if is_restated {
+                    "by its neighbours and the noise as it is counted, said above, each reading is what was to be expected; \
+                     whether the model misses the measurement this does not say"
+                } else {
+                    "the measurement looks like a draw from the posterior"
+                }
             ),
         )
     };

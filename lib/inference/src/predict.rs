@@ -2,10 +2,32 @@
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::ensemble::Ensemble;
 use crate::prior::normal_cdf;
 use gl_numeric::statistics::{Quantiles, mean, sd};
+
+/// One reading as the draws of a posterior have it, without noise and scatter, in units of its observable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Predicted {
+    /// Its observable, `test.observable` where its test has a name.
+    pub observable: String,
+    /// Its step.
+    pub step: usize,
+    /// Its control.
+    pub control: f64,
+    /// Mean of the draws.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Quantile of 5 %.
+    pub q05: f64,
+    /// Median.
+    pub q50: f64,
+    /// Quantile of 95 %.
+    pub q95: f64,
+}
 
 /// Weighted mean, standard deviation and quantiles of one observable at one step.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -79,10 +79,12 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
     values.iter().zip(weights).map(|(x, w)| w * (x - centre).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Quantiles under weights that sum to one, linear between the midpoints of the samples' shares.
+/// Quantiles under weights that sum to one: each sample has its share of the probability, and from one to the next they are
+/// linear over the smaller of the two shares, half of it on either side.
 ///
 /// Samples of the same value are one sample with their weights together, so that the order of the rows
-/// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n.
+/// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n; a sample of hardly any weight
+/// moves no quantile, however far off it is.
 ///
 /// # Examples
 /// ```
@@ -90,41 +92,57 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
 ///
 /// let quantiles = Quantiles::new(&[3.0, 1.0], &[0.5, 0.5]);
 /// assert_eq!([0.25, 0.5, 0.75, 1.0].map(|p| quantiles.at(p)), [1.0, 2.0, 3.0, 3.0]);
+/// let quantiles = Quantiles::new(&[1.0, 2.0, 9.0], &[1e-9, 0.95, 0.05]);
+/// assert_eq!([0.05, 0.9].map(|p| quantiles.at(p)), [2.0, 2.0]);
 /// ```
 #[derive(Clone, Debug)]
 pub struct Quantiles {
-    /// Values with a weight above zero, in order, and the probability below the middle of each.
-    points: Vec<(f64, f64)>,
+    /// Those with a weight above zero, in order.
+    samples: Vec<Share>,
+}
+
+/// A sample's share of the probability.
+#[derive(Clone, Copy, Debug)]
+struct Share {
+    value: f64,
+    share: f64,
+    /// Probability up to and with it.
+    up_to: f64,
 }
 
 impl Quantiles {
     /// Sort the samples once, for any number of quantiles.
     pub fn new(values: &[f64], weights: &[f64]) -> Self {
-        let mut points: Vec<(f64, f64)> =
-            values.iter().copied().zip(weights.iter().copied()).filter(|&(_, w)| w > 0.0).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        points.dedup_by(|next, kept| {
-            let is_tie = next.0 == kept.0;
-            kept.1 += if is_tie { next.1 } else { 0.0 };
+        let weighted = values.iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
+        let mut samples: Vec<Share> =
+            weighted.map(|(&value, &share)| Share { value, share, up_to: 0.0 }).collect();
+        samples.sort_by(|a, b| a.value.total_cmp(&b.value).then(a.share.total_cmp(&b.share)));
+        samples.dedup_by(|next, kept| {
+            let is_tie = next.value == kept.value;
+            kept.share += if is_tie { next.share } else { 0.0 };
             is_tie
         });
-        let mut below = 0.0;
-        for (_, weight) in &mut points {
-            let share = *weight;
-            *weight = below + share / 2.0;
-            below += share;
+        let mut up_to = 0.0;
+        for sample in &mut samples {
+            up_to += sample.share;
+            sample.up_to = up_to;
         }
-        Self { points }
+        Self { samples }
     }
 
     /// The value below which the probability is `p`; NaN if there are no samples.
     pub fn at(&self, p: f64) -> f64 {
-        let next = self.points.partition_point(|&(_, below)| below < p);
-        match (next.checked_sub(1).map(|i| self.points[i]), self.points.get(next)) {
-            (Some((x0, p0)), Some(&(x1, p1))) => x0 + (x1 - x0) * (p - p0) / (p1 - p0),
-            (Some((x, _)), None) | (None, Some(&(x, _))) => x,
-            (None, None) => f64::NAN,
-        }
+        let Some(last) = self.samples.len().checked_sub(1) else { return f64::NAN };
+        let i = self.samples.partition_point(|sample| sample.up_to < p).min(last);
+        let here = self.samples[i];
+        // Across the border between two samples, from the one below.
+        let across = |below: Share, above: Share| {
+            let passed = (p - below.up_to) / below.share.min(above.share);
+            (passed.abs() < 0.5).then_some(below.value + (above.value - below.value) * (0.5 + passed))
+        };
+        let from_below = i.checked_sub(1).and_then(|i| across(self.samples[i], here));
+        let to_above = || self.samples.get(i + 1).and_then(|above| across(here, *above));
+        from_below.or_else(to_above).unwrap_or(here.value)
     }
 }
 
@@ -139,7 +157,10 @@ impl Quantiles {
 /// # Source
 /// Chen & Shao (1999), J. Comput. Graph. Stat. 8:69.
 pub fn shortest_interval(values: &[f64], weights: &[f64], mass: f64) -> (f64, f64) {
-    let points = Quantiles::new(values, weights).points;
+    // Each stands in the middle of its share.
+    let samples = Quantiles::new(values, weights).samples;
+    let points: Vec<(f64, f64)> =
+        samples.iter().map(|sample| (sample.value, sample.up_to - 0.5 * sample.share)).collect();
     let (mut shortest, mut last) = ((f64::NAN, f64::NAN), 0);
     for &(low, below) in &points {
         // Weights that sum to one up to rounding.

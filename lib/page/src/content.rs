@@ -9,6 +9,7 @@ use gl_figure::number::significant;
 use gl_inference::collect::RunStatus;
 use gl_inference::times::{TIMES, Took};
 use gl_table::Table;
+use gl_table::verdict::is_doubt;
 use serde::Serialize;
 
 use crate::calibration::{Calibration, Standing, side_by_side};
@@ -234,7 +235,7 @@ impl Content {
             .filter_map(|measured| measured.unseen.as_ref())
             .flat_map(|unseen| &unseen.verdict);
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
-        let is_doubt = |sentence: &&&Sentence| verdict::is_doubt(&sentence.code);
+        let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
         let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
         self.answer = first.map(|first| Answer {
@@ -245,9 +246,10 @@ impl Content {
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
-        self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model")));
+        let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
+        self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), has_gap));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
-            let doubts = measured.stage.doubts(Some(&format!("the model with {}", closed.with)));
+            let doubts = measured.stage.doubts(Some(&format!("the model with {}", closed.with)), false);
             self.doubts.extend(doubts);
         }
     }
@@ -268,8 +270,9 @@ impl Stage {
         })
     }
 
-    /// What speaks against trusting this calibration, that of `whose` model where there are several.
-    fn doubts(&self, whose: Option<&str>) -> Vec<String> {
+    /// What speaks against trusting this calibration, that of `whose` model where there are several. Where there is a gap to
+    /// diagnose, that it misfits is none.
+    fn doubts(&self, whose: Option<&str>, has_gap: bool) -> Vec<String> {
         let of = whose.map(|whose| format!(" of {whose}")).unwrap_or_default();
         let mut doubts = Vec::new();
         if let Some(times) = &self.standing.tempering {
@@ -283,12 +286,13 @@ impl Stage {
                 self.standing.ess_runs
             ));
         }
-        // These two are said above; what misfits is what a diagnosis is for.
+        // These two are said above.
         let is_said = |code: &str| matches!(code, "sigma-above-noise" | "few-runs");
-        let is_expected =
-            |code: &str| whose == Some("the base model") && matches!(code, "bad-fit" | "too-few-inside");
-        let own = self.verdict.iter().filter(|row| verdict::is_doubt(&row.code));
-        let own = own.filter(|row| !is_said(&row.code) && !is_expected(&row.code));
+        let is_misfit = |code: &str| {
+            matches!(code, "bad-fit" | "too-few-inside" | "noise-too-small" | "noise-correlated")
+        };
+        let own = self.verdict.iter().filter(|row| is_doubt(&row.code));
+        let own = own.filter(|row| !(is_said(&row.code) || has_gap && is_misfit(&row.code)));
         doubts.extend(own.map(|row| match whose {
             Some(whose) => format!("In {whose}: {}", row.text),
             None => row.text.clone(),

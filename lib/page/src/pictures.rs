@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
+use gl_case::folders::CURVES;
 use serde::Serialize;
 
 use crate::calibration::Calibration;
@@ -61,6 +62,10 @@ impl Calibration {
     pub fn fit(&self, case: &Case, caption: &str) -> Result<Picture> {
         let call = Call::new("gl-plot").with(["fit"]);
         let call = case.columns(call).option("--units", &case.units).file("-w", &self.weights_of_runs());
+        // Of the steps that were compared alone there is no band over all of them.
+        let curves = self.file(CURVES);
+        let call =
+            if curves.exists() && case.steps.is_empty() { call.file("--posterior", &curves) } else { call };
         draw(caption, case.ensembles(call, &self.folder))
     }
 

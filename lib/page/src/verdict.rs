@@ -62,45 +62,6 @@ fn sentence(text: &str, name: &str) -> String {
     }
 }
 
-/// Whether a code says that something is to be doubted.
-pub fn is_doubt(code: &str) -> bool {
-    DOUBTS.contains(&code)
-}
-
-/// What a reader should know before trusting the rest.
-const DOUBTS: &[&str] = &[
-    // of gl-check-stop and gl-filter
-    "single-sample",
-    "sigma-above-noise",
-    "bad-fit",
-    "few-runs",
-    "blind",
-    "leans",
-    "beyond-prior",
-    // of gl-posterior
-    "emulator-unfit",
-    "emulator-ignorant",
-    "noise-too-small",
-    "noise-too-large",
-    "scatter-too-large",
-    "too-few-inside",
-    "loo-unreliable",
-    // of gl-gap-attribute
-    "base-fits",
-    "next",
-    "confounded",
-    "emulator",
-    "untried",
-    // of all that ask for the noise
-    "noise-scale",
-    "outliers",
-    // of gl-gap-locate and gl-gap-shrink
-    "alternates",
-    "smooth",
-    "grows",
-    "may-not-close",
-];
-
 /// Whether the gap may not close by an effect that was put in, in all observables together nor in a single one: the noise of
 /// others may hide one in which it does.
 pub fn closes_nothing(said: &[Sentence]) -> bool {

@@ -141,7 +141,16 @@ impl Format {
             if line.starts_with(INCOMPLETE) {
                 return Err("the table ends here: what wrote it could not finish it".to_owned());
             }
-            return Err(format!("{} fields where the header names {}", fields.len(), self.columns.len()));
+            let fields = match fields.len() {
+                1 => "1 field".to_owned(),
+                many => format!("{many} fields"),
+            };
+            let hint = if self.separator == Separator::Blanks && line.contains(';') {
+                "; a table is separated by tabs, commas or blanks, with a point in its numbers"
+            } else {
+                ""
+            };
+            return Err(format!("{fields} where the header names {}{hint}", self.columns.len()));
         }
         Ok(())
     }

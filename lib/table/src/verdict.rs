@@ -21,6 +21,47 @@ pub struct Verdict {
     pub text: String,
 }
 
+/// Codes of what a reader should know before trusting the rest.
+const DOUBTS: &[&str] = &[
+    // of gl-check-stop and gl-filter
+    "single-sample",
+    "sigma-above-noise",
+    "bad-fit",
+    "few-runs",
+    "blind",
+    "leans",
+    "beyond-prior",
+    // of gl-posterior
+    "emulator-unfit",
+    "emulator-ignorant",
+    "noise-correlated",
+    "noise-too-small",
+    "noise-too-large",
+    "scatter-too-large",
+    "too-few-inside",
+    "loo-unreliable",
+    // of gl-gap-attribute
+    "base-fits",
+    "next",
+    "confounded",
+    "emulator",
+    "untried",
+    // of all that ask for the noise
+    "noise-scale",
+    "outliers",
+    // of gl-gap-locate and gl-gap-shrink
+    "alternates",
+    "smooth",
+    "grows",
+    "may-not-close",
+    "not-as-foretold",
+];
+
+/// Whether a code says that something is to be doubted.
+pub fn is_doubt(code: &str) -> bool {
+    DOUBTS.contains(&code)
+}
+
 /// All that a tool concludes, the most important first.
 ///
 /// ```

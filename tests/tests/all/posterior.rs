@@ -118,7 +118,7 @@ fn readings_that_scatter_further_than_stated_are_not_inside() {
     // Counted as large as it is, the same noise holds them, and that is said.
     folder.run(&call);
     let said = find("covers").unwrap().text;
-    assert!(said.ends_with("with its noise counted as said above"), "{said}");
+    assert!(said.contains("by its neighbours and the noise as it is counted, said above"), "{said}");
 }
 
 /// tests/oracle/curve_posterior.py: two curved parameters on a grid, four by emcee.

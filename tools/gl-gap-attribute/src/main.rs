@@ -26,6 +26,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{Samples, sample_names};
+use gl_inference::units::Units;
 use gl_table::TableWriter;
 
 /// Say which effect, if any, explains the gap between a simulation and a measurement.
@@ -61,6 +62,9 @@ struct Args {
     /// many more grains
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
+    /// Units of the controls, for the sentences, as in u=mm
+    #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
+    units: Units,
     /// Also write the probability of each effect to be in: effect, probability
     #[arg(long, value_name = "FILE")]
     effects_out: Option<PathBuf>,
@@ -210,7 +214,8 @@ fn run(args: &Args) -> Result<()> {
     let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
     let measured = (&observations, tests.clone());
     let mut problem =
-        Problem::of_tests(&simulation, &prior, candidates.clone(), measured, noise, args.scatter)?;
+        Problem::of_tests(&simulation, &prior, candidates.clone(), measured, noise, args.scatter)?
+            .in_units(&args.units);
     if let Some((believed, _)) = &believed {
         problem = problem.believing(believed);
     }

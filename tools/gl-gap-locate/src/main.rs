@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Parser;
 use gl_cli::measured::{Measured, Part};
 use gl_gap::locate::{Located, Stretch, fits_tests, locate_tests, named, verdict_of_tests};
+use gl_inference::units::Units;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
 
@@ -23,6 +24,9 @@ struct Args {
     /// Table of weights
     #[arg(short, long, value_name = "FILE")]
     weights: PathBuf,
+    /// Units of the controls, for the sentences, as in u=mm
+    #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
+    units: Units,
     /// Seed of the replicates that say what stands out
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -65,7 +69,7 @@ fn run(args: &Args) -> Result<()> {
     let told = parts.iter().zip(&located);
     let told: Vec<_> =
         told.map(|(part, found)| (part.name.as_str(), &part.observations, found.as_slice())).collect();
-    let verdicts = verdict_of_tests(&told, &fit);
+    let verdicts = verdict_of_tests(&told, &fit, &args.units);
     gl_cli::conclude("gl-gap-locate", &verdicts, args.verdict.as_deref(), || {
         write(args.output.as_deref(), &parts, &located)
     })

@@ -8,10 +8,11 @@ use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_observables, shrink, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_foretold, add_observables, shrink, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
-use gl_table::TableWriter;
+use gl_table::{Table, TableWriter};
+use serde::Deserialize;
 
 /// Say how far the gap closes from one calibrated simulation to another.
 ///
@@ -40,6 +41,9 @@ struct Args {
     /// many more grains
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
     scatter: f64,
+    /// What gl-gap-attribute --predict-shrink foretold, its first row: it is said where the gap closes otherwise
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["steps", "calibrated"])]
+    foretold: Option<PathBuf>,
     /// Seed of the interval's replicates; the same seed gives the same interval on every machine
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -112,6 +116,13 @@ impl Tables {
     }
 }
 
+/// A row of what was foretold.
+#[derive(Deserialize)]
+struct Foretold {
+    shrink_low: f64,
+    shrink_high: f64,
+}
+
 fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let measurement = args.measured.read()?;
@@ -141,6 +152,10 @@ fn run(args: &Args) -> Result<()> {
         .collect();
     let shrinks = shrink(&compared, args.scatter, args.seed)?;
     let mut verdicts = shrinks.last().map(|all| verdict(all, args.calibrated.is_some())).unwrap_or_default();
+    let foretold = args.foretold.as_ref().map(|table| Table::read(table)?.rows::<Foretold>()).transpose()?;
+    if let (Some(all), Some(foretold)) = (shrinks.last(), foretold.iter().flatten().next()) {
+        add_foretold(&mut verdicts, all, (foretold.shrink_low, foretold.shrink_high));
+    }
     add_observables(&mut verdicts, &shrinks, &names);
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref(), || {
         write(args.output.as_deref(), &shrinks, &names)

@@ -6,12 +6,13 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use gl_inference::ensemble::Ensemble;
 
+use crate::Style;
 use crate::input::check_panels;
-use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Paint, Rect, Scene, color};
+use gl_inference::units::Units;
 
 /// Emulated against simulated observables, run by run
 #[derive(Args)]
@@ -117,7 +118,10 @@ impl Emulator {
         top: f64,
         size: f64,
     ) -> f64 {
-        let label = |what: &str| Label { name: format!("{what} {name}"), unit: self.units.get(name) };
+        let label = |what: &str| Label {
+            name: format!("{what} {name}"),
+            unit: self.units.get(name).map(str::to_owned),
+        };
         let (left, right) = figure.cell(place, columns);
         let span = Span::of(triples.iter().flat_map(|&(x, y, _)| [x, y])).padded(0.04);
         let y = Axis::vertical(span, label("predicted"), size);

@@ -1,23 +1,25 @@
 //! The measurement, what the calibrated runs make of it, and what is left over.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use gl_cli::measured::{Measurement, Part, Tables};
 use gl_gap::locate::named;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::predict::predict;
+use gl_inference::predict::{Predicted, predict};
 use gl_inference::weights::Weights;
+use gl_table::Table;
 
+use crate::Style;
 use crate::input::check_panels;
-use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Paint, Rect, Scene, color};
+use gl_inference::units::Units;
 
-/// Measurement, ensemble mean with its 90 % band, the best runs, and the residuals
+/// Measurement, mean and 90 % band of runs or of a posterior, the best runs, and the residuals
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Fit {
@@ -32,6 +34,9 @@ pub struct Fit {
     /// Weights of the runs; without them every run counts alike
     #[arg(short, long, value_name = "FILE")]
     weights: Option<PathBuf>,
+    /// What the posterior predicts, by gl-posterior --curves-out: mean and band are of its draws, not of the runs
+    #[arg(long, value_name = "FILE")]
+    posterior: Option<PathBuf>,
     /// Unit of columns, as in q=MPa,u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -84,19 +89,30 @@ impl Fit {
         };
         let mut curves = Vec::new();
         for Part { name, observations, noise, ensemble, .. } in &parts {
-            let prediction = predict(ensemble, &weight)?;
-            curves.extend((0..observations.names.len()).map(|j| Curves {
-                name: named(name, &observations.names[j]),
-                observable: &observations.names[j],
-                control: &observations.control,
-                control_name: &observations.control_name,
-                measured: &observations.values[j],
-                noise: noise.as_ref().map(|noise| noise[j].as_slice()),
-                mean: prediction[j].iter().map(|moments| moments.mean).collect(),
-                low: prediction[j].iter().map(|moments| moments.quantiles[0]).collect(),
-                high: prediction[j].iter().map(|moments| moments.quantiles[2]).collect(),
-                best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
-            }));
+            let of_runs = predict(ensemble, &weight)?;
+            for (j, observable) in observations.names.iter().enumerate() {
+                let name = named(name, observable);
+                let [mean, low, high] = match &self.posterior {
+                    Some(table) => of_draws(table, &name, observations.steps())?,
+                    None => [
+                        of_runs[j].iter().map(|moments| moments.mean).collect(),
+                        of_runs[j].iter().map(|moments| moments.quantiles[0]).collect(),
+                        of_runs[j].iter().map(|moments| moments.quantiles[2]).collect(),
+                    ],
+                };
+                curves.push(Curves {
+                    name,
+                    observable,
+                    control: &observations.control,
+                    control_name: &observations.control_name,
+                    measured: &observations.values[j],
+                    noise: noise.as_ref().map(|noise| noise[j].as_slice()),
+                    mean,
+                    low,
+                    high,
+                    best: best.iter().map(|&run| ensemble.curve(run, j)).collect(),
+                });
+            }
         }
         let best_names: Vec<&str> = best.iter().map(|&run| first.samples[run].as_str()).collect();
         Ok(self.figure(style, &curves, &best_names, weights.is_some()))
@@ -126,7 +142,11 @@ impl Fit {
         let mut figure = Figure::new(title, style.width);
         let most = curves.iter().map(|curves| curves.control.len()).max().unwrap_or(0);
         let paint = Paints::new(most);
-        let mean = if weighted { "weighted mean" } else { "mean of all runs" };
+        let mean = match (&self.posterior, weighted) {
+            (Some(_), _) => "posterior's mean",
+            (None, true) => "weighted mean",
+            (None, false) => "mean of all runs",
+        };
         let mut legend = vec![(Key::Dot(paint.dot), "measured".to_owned())];
         if curves.iter().any(|curves| curves.noise.is_some()) {
             let noise = "noise, ± 1 sd".to_owned();
@@ -154,11 +174,17 @@ impl Fit {
                 let (left, right) = figure.cell(column, columns);
                 let Curves { control, control_name, observable, .. } = *curves;
                 let paint = Paints::new(control.len());
-                let label = |name: &str, of: &str| Label { name: name.to_owned(), unit: self.units.get(of) };
+                let label = |name: &str, of: &str| Label {
+                    name: name.to_owned(),
+                    unit: self.units.get(of).map(str::to_owned),
+                };
                 let all = curves.everything().padded(0.05);
                 let rest = curves.residuals().padded(0.05);
                 let y = Axis::vertical(all, label(&curves.name, observable), height);
-                let residual = Label { name: "residual".to_owned(), unit: self.units.get(observable) };
+                let residual = Label {
+                    name: "residual".to_owned(),
+                    unit: self.units.get(observable).map(str::to_owned),
+                };
                 let residual_y = Axis::vertical(rest, residual, bottom - residual_top);
                 let beside = room_beside(&y, height).max(room_beside(&residual_y, bottom - residual_top));
                 let left = left + beside;
@@ -181,6 +207,20 @@ impl Fit {
         }
         figure.finish()
     }
+}
+
+/// Mean and the ends of the band of an observable, each of shape (steps,), by the table of its draws.
+fn of_draws(table: &Path, observable: &str, steps: usize) -> Result<[Vec<f64>; 3]> {
+    let mut rows: Vec<Predicted> = Table::read(table)?.rows()?;
+    rows.retain(|row| row.observable == observable);
+    ensure!(
+        rows.len() == steps,
+        "{}: {} steps of {observable} where the measurement has {steps}",
+        table.display(),
+        rows.len()
+    );
+    let column = |of: fn(&Predicted) -> f64| rows.iter().map(of).collect();
+    Ok([column(|row| row.mean), column(|row| row.q05), column(|row| row.q95)])
 }
 
 /// The runs with the lowest misfit, or with the highest weight where the table has no misfit.

@@ -12,12 +12,13 @@ use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::weights::Weights;
 use gl_table::Table;
 
+use crate::Style;
 use crate::branches::{ABOVE, Branches};
-use crate::{Style, Units};
 use gl_figure::axis::{Axis, Label, Span};
 use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Anchor, Color, Paint, Rect, Scene, color, text};
+use gl_inference::units::Units;
 
 /// The standardised gap along the control, significant stretches shaded
 #[derive(Args)]
@@ -178,7 +179,7 @@ impl Gap {
         }
         let known = readings.first().map(|(readings, _)| readings.control_name.clone());
         let name = self.control.clone().or(known).unwrap_or_else(|| "control".to_owned());
-        let unit = self.units.get(&name);
+        let unit = self.units.get(&name).map(str::to_owned);
         let mut observables: Vec<String> = Vec::new();
         for stretch in tables.iter().flat_map(|(table, _)| table) {
             if !observables.contains(&stretch.observable) {
@@ -200,7 +201,7 @@ fn legend(has_after: bool) -> Vec<(Key, String)> {
     ];
     if has_after {
         legend.push((Key::Line(Paint::line(AFTER, 1.8)), "after".to_owned()));
-        legend.push((Key::Area(significant_paint(AFTER)), "significant".to_owned()));
+        legend.push((Key::Area(significant_paint(AFTER)), "significant after".to_owned()));
     }
     legend.push((Key::Line(limit_paint()), "± 2 sd".to_owned()));
     legend
@@ -344,18 +345,25 @@ fn draw(panel: &mut Panel, table: &[Stretch], color: Color) {
     }
 }
 
-/// The share of the gap in each significant stretch that is wide enough for the number.
+/// The share of the gap in each significant stretch, the largest first, where there is room for the number.
 fn write_shares(panel: &mut Panel, table: &[Stretch]) {
     use gl_figure::axis::SMALL;
-    for stretch in table.iter().filter(|stretch| stretch.significant) {
+    let mut stretches: Vec<&Stretch> = table.iter().filter(|stretch| stretch.significant).collect();
+    stretches.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let mut taken: Vec<(f64, f64)> = Vec::new();
+    for stretch in stretches {
         let label = format!("{:.0} %", 100.0 * stretch.share);
         let ((x0, y), (x1, _)) = (panel.at((stretch.from, stretch.z)), panel.at((stretch.to, stretch.z)));
-        let width = gl_figure::font::width(&label, SMALL);
-        if width > (x1 - x0).abs() {
+        let half = 0.5 * gl_figure::font::width(&label, SMALL) + 1.0;
+        // Beside the frame a number stands within it.
+        let Rect { x0: left, x1: right, .. } = panel.rect;
+        let x = (0.5 * (x0 + x1)).clamp(left + half, right - half);
+        if taken.iter().any(|&(from, to)| x - half < to && from < x + half) {
             continue;
         }
+        taken.push((x - half, x + half));
         let y = if stretch.z >= 0.0 { y - 3.0 } else { y + SMALL + 1.5 };
-        panel.note(text(((x0 + x1) / 2.0, y), label, SMALL, Anchor::Middle));
+        panel.note(text((x, y), label, SMALL, Anchor::Middle));
     }
 }
 

@@ -14,9 +14,10 @@ use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::stack::{Stack, Test, TestTables};
 use gl_table::Table;
 
+use crate::Style;
 use crate::branches::{ABOVE, Branches};
 use crate::input::check_panels;
-use crate::{Style, Units};
+use gl_inference::units::Units;
 
 /// The curves of the base model and of the most probable hypotheses over the measurement, and what each leaves
 #[derive(Args)]
@@ -131,10 +132,13 @@ impl Hypotheses {
             let control = control[steps.clone()].to_vec();
             Own {
                 name: named(&part.test, &names[j]),
-                unit: self.units.get(&names[j]),
+                unit: self.units.get(&names[j]).map(str::to_owned),
                 branches: Branches::of(&control),
                 control,
-                along: Label { name: control_name.clone(), unit: self.units.get(control_name) },
+                along: Label {
+                    name: control_name.clone(),
+                    unit: self.units.get(control_name).map(str::to_owned),
+                },
                 measured: values[j][steps.clone()].to_vec(),
                 first: steps.start,
                 noise: part.noise.as_ref().map(|noise| noise[j][steps].to_vec()),

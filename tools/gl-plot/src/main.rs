@@ -16,9 +16,8 @@ mod proposal;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::str::FromStr;
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use gl_figure::{pdf, raster, svg};
 use gl_table::Sink;
@@ -80,28 +79,6 @@ fn within(text: &str, low: f64, high: f64) -> Result<f64> {
     let value = gl_table::parse_number(text)?;
     ensure!((low..=high).contains(&value), "not between {low} and {high}");
     Ok(value)
-}
-
-/// Units by column name, as in `q=MPa,u=mm`.
-#[derive(Clone, Debug, Default)]
-pub struct Units(Vec<(String, String)>);
-
-impl Units {
-    fn get(&self, name: &str) -> Option<String> {
-        self.0.iter().find(|(other, _)| other == name).map(|(_, unit)| unit.clone())
-    }
-}
-
-impl FromStr for Units {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let pairs = text.split(',').filter(|pair| !pair.is_empty()).map(|pair| {
-            let (name, unit) = pair.split_once('=').with_context(|| format!("{pair:?} is not NAME=UNIT"))?;
-            Ok((name.trim().to_owned(), unit.trim().to_owned()))
-        });
-        Ok(Self(pairs.collect::<Result<_>>()?))
-    }
 }
 
 /// What a picture is written as.

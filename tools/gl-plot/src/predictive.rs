@@ -11,9 +11,10 @@ use gl_figure::scene::{Paint, Rect, Scene, color};
 use gl_inference::loo::{Count, Histogram, Reading};
 use gl_table::Table;
 
+use crate::Style;
 use crate::branches::{ABOVE, Branches};
 use crate::input::check_panels;
-use crate::{Style, Units};
+use gl_inference::units::Units;
 
 /// Each reading against what the others predict of it, and how even their places in it are
 #[derive(Args)]
@@ -90,11 +91,15 @@ impl Predictive {
         let unit = self
             .units
             .get(name)
-            .or_else(|| self.units.get(name.split_once('.').map_or(name, |(_, own)| own)));
+            .or_else(|| self.units.get(name.split_once('.').map_or(name, |(_, own)| own)))
+            .map(str::to_owned);
         let (x, along) = if branches.turns() {
             (readings.iter().map(|reading| reading.step as f64).collect(), Label::new("step"))
         } else {
-            (control, Label { name: self.control.clone(), unit: self.units.get(&self.control) })
+            (
+                control,
+                Label { name: self.control.clone(), unit: self.units.get(&self.control).map(str::to_owned) },
+            )
         };
         let first = readings.first().map_or(0, |reading| reading.step as usize);
         Own { name, readings, x, along, branches: (branches, first), unit }

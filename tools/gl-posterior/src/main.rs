@@ -87,6 +87,9 @@ struct Args {
     /// Where each reading goes, predicted from the others: observable step control measured q05 … q95 pit k
     #[arg(long, value_name = "FILE")]
     loo_out: Option<PathBuf>,
+    /// Where what the draws predict of each reading goes: observable step control mean sd q05 q50 q95
+    #[arg(long, value_name = "FILE")]
+    curves_out: Option<PathBuf>,
     /// Where the draws go; stdout by default
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -109,7 +112,9 @@ const MOST_NEXT: usize = 1000;
 
 fn run(args: &Args) -> Result<()> {
     let of_runs = [&args.run_weights, &args.run_summary, &args.next_out];
-    let outputs = [&args.output, &args.summary, &args.verdict, &args.loo_out].into_iter().chain(of_runs);
+    let outputs = [&args.output, &args.summary, &args.verdict, &args.loo_out, &args.curves_out]
+        .into_iter()
+        .chain(of_runs);
     gl_cli::distinct(outputs.map(Option::as_ref))?;
     let prior = Prior::read(&args.params)?;
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
@@ -160,6 +165,9 @@ fn run(args: &Args) -> Result<()> {
     }
     if let Some(path) = &args.summary {
         inference.summary(&samples)?.write(Some(path))?;
+    }
+    if let Some(path) = &args.curves_out {
+        write_rows(Some(path), &inference.curves(&places))?;
     }
     let mut verdicts = inference.verdicts(options);
     if let Some(path) = &args.loo_out {

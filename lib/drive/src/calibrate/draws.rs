@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use gl_case::Posterior;
+use gl_case::folders::CURVES;
 use gl_table::verdict::Verdicts;
 
 use super::iteration::Iteration;
@@ -98,6 +99,7 @@ impl Iteration<'_> {
                 .flag("--run-weights", self.file(RUNS_WEIGHTS))
                 .flag("--run-summary", self.file("posterior-runs.txt"))
                 .flag("--loo-out", self.file("loo.txt"))
+                .flag("--curves-out", self.file(CURVES))
                 .flag("--verdict", &verdict)
                 .flag("-o", &draws)
                 .args(known.iter().flat_map(|known| known.tables(case)))
@@ -131,7 +133,7 @@ impl Iteration<'_> {
     /// From here on the weights of the runs have to do.
     fn fall_back(&self, why: &str) -> Result<bool> {
         gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs"));
-        for file in [RUNS_WEIGHTS, "posterior-runs.txt", "posterior-weights.txt", "loo.txt"] {
+        for file in [RUNS_WEIGHTS, "posterior-runs.txt", "posterior-weights.txt", CURVES, "loo.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
         write(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;

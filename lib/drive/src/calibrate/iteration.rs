@@ -14,7 +14,7 @@ use gl_inference::times::TIMES;
 
 use super::emulated;
 use crate::columns::{comparison, list, of_test, simulated, varied_in, within};
-use crate::step::{Call, Messages, Runner, is_current, make_folder, write};
+use crate::step::{Call, Messages, Runner, is_current, make_folder, show, write};
 
 /// What all iterations of a calibration have in common.
 pub(crate) struct Setting<'a> {
@@ -193,7 +193,9 @@ impl<'a> Iteration<'a> {
             }
         }
         let earlier: Vec<PathBuf> = (0..self.number).map(|i| self.setting.folder_of(i, test)).collect();
-        collect(runner, case, test, &folder, &earlier, Messages::Kept(&folder.join("collect.log")))?;
+        let log = folder.join("collect.log");
+        collect(runner, case, test, &folder, &earlier, Messages::Kept(&log))?;
+        show(&log, 0);
         Ok(true)
     }
 

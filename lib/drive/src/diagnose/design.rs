@@ -23,12 +23,12 @@ use gl_inference::samples::Samples;
 use gl_table::Table;
 use gl_table::verdict::Verdicts;
 
-use super::{Diagnosis, WIDER_PRIOR, renew};
+use super::{Diagnosis, FORETOLD, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
 use crate::calibrate::iteration::{collect, give, in_each_test, run};
-use crate::columns::{Which, list, measured, of_test, runs_of_design, within};
+use crate::columns::{Which, list, measured, of_test, runs_of_design, units, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
 /// The wider box of a round, beside its own.
@@ -54,7 +54,18 @@ impl Diagnosis<'_> {
             let standing = round.standing()?;
             gl_cli::note("gl-diagnose", format!("design: {}", round.told(&standing)?));
             match course.next(standing, self.wider(&round.folder, course.limit())?) {
-                Step::End => return self.conclude(&round.folder),
+                Step::End => {
+                    if course.unused() > 0 {
+                        gl_cli::note(
+                            "gl-diagnose",
+                            format!(
+                                "design: two rounds say the same, which ends it; {} of the runs that design_num allows are not needed",
+                                course.unused()
+                            ),
+                        );
+                    }
+                    return self.conclude(&round.folder);
+                }
                 Step::Widen => {
                     let [own, next] =
                         ["params.txt", WIDER_BOX].map(|box_of| Prior::read(&round.file(box_of)));
@@ -133,7 +144,7 @@ impl Diagnosis<'_> {
         copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
         for table in [
             "effects.txt",
-            "predicted-shrink.txt",
+            FORETOLD,
             "posterior.txt",
             "rest.txt",
             "curves.txt",
@@ -253,11 +264,13 @@ impl Round<'_> {
         } else {
             rounds.wider()
         };
-        let num = num.max(least_switched(Prior::read(&params)?.effects().len()));
+        let effects = Prior::read(&params)?.effects();
+        let num = num.max(least_switched(effects.len()));
         let call = Call::new("gl-sample")
             .flag("-p", params)
             .option("-n", Some(num))
-            .flag("--effects", "switch")
+            // All candidates may be errors of the rig.
+            .option("--effects", Some("switch").filter(|_| !effects.is_empty()))
             .option("--threads", case.threads)
             .option("--seed", Some(case.seed + self.number as u64))
             .flag("--name", format!("{}-design", case.name))
@@ -424,8 +437,9 @@ impl Round<'_> {
             .option("--measurement", list(&case.measurement))
             .option("--max-effects", case.max_effects)
             .option("--scatter", case.scatter)
+            .option("--units", units(case))
             .flag("--effects-out", self.file("effects.txt"))
-            .flag("--predict-shrink", self.file("predicted-shrink.txt"))
+            .flag("--predict-shrink", self.file(FORETOLD))
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--curves-out", self.file("curves.txt"))

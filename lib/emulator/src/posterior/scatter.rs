@@ -92,6 +92,12 @@ impl Scatter {
         Self { scores, white: sizes.iter().map(|size| factor * (1.0 - share) * size).collect(), truncated }
     }
 
+    /// The same, of so many times the variance.
+    pub fn times(&self, variance: f64) -> Self {
+        let white = self.white.iter().map(|white| white * variance).collect();
+        Self { scores: &self.scores * variance, white, truncated: self.truncated.clone() }
+    }
+
     /// Covariance of the scores of a run by all of its scatter, shape (components, components): the white share
     /// shows in them, too.
     pub fn of_scores(&self, emulator: &Emulator, measured: &Measured) -> DMatrix<f64> {

@@ -229,11 +229,8 @@ impl Inference {
                 "noise-correlated",
                 name,
                 format!(
-                    "the residuals of {name} are correlated from step to step ({correlation:.2}), {:.0} readings \
-                     in {} are independent; {counted}. Noise that is not white looks so, and so does a model that \
-                     misses the measurement",
-                    self.independent_readings,
-                    self.measured().values.len()
+                    "the residuals of {name} are correlated from step to step ({correlation:.2}); {counted}. Noise that is not \
+                     white looks so, and so does a model that misses the measurement"
                 ),
             );
         }
@@ -275,16 +272,17 @@ impl Inference {
     }
 
     fn say_of_scatter(&self, options: Options, verdicts: &mut Verdicts) {
-        let is_counted = options.scatter != Some(0.0);
+        let is_counted = options.scatter != Some(0.0) && !options.white;
         if let Some(proof) = self.proof.filter(|proof| is_counted && proof.has_less_scatter()) {
             verdicts.add(
                 "scatter-too-large",
                 format!("{:.3}", proof.scatter),
                 format!(
-                    "the newest runs lie within {:.2} standard deviations of the noise of what the others say of them, where \
-                     all runs together seem to scatter by {:.2}: what no emulator follows far from here looks like scatter, \
-                     and the fit better than it is. If the same parameters give the same curve, say scatter = 0",
-                    proof.error, proof.scatter
+                    "the runs seem to scatter by {:.2} standard deviations of the noise, but the newest lie within {:.2} of where \
+                     they were expected: an emulator that is poor far from here looks like a simulator that scatters, and \
+                     makes the fit look better than it is. If the simulator is deterministic (the same parameters, the same \
+                     curve), say so: scatter = 0",
+                    proof.scatter, proof.error
                 ),
             );
         }

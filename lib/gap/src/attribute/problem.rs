@@ -30,6 +30,7 @@ use crate::attribute::problem::test::Test;
 use crate::noise::scale;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
+use gl_inference::units::Units;
 
 /// What all hypotheses share.
 pub struct Problem<'a> {
@@ -202,7 +203,11 @@ impl<'a> Problem<'a> {
     /// Steps of an observable in words: its name, and where they are on its control.
     pub fn told(&self, observable: usize, steps: &Range<usize>) -> String {
         let test = self.test_of(observable);
-        format!("{} {}", self.observables[observable], test.path.told(&test.control_name, steps))
+        format!(
+            "{} {}",
+            self.observables[observable],
+            test.path.told(&test.control_name, test.control_unit.as_deref(), steps)
+        )
     }
 
     /// How much a reading counts in a gap over all of them, in which each observable counts alike: 1 where all have as
@@ -215,6 +220,14 @@ impl<'a> Problem<'a> {
     /// The readings of each observable.
     pub fn blocks(&self) -> Vec<Range<usize>> {
         (0..self.ranges.len()).map(|j| self.own(j)).collect()
+    }
+
+    /// The same with the units of columns, for words.
+    pub fn in_units(mut self, units: &Units) -> Self {
+        for test in &mut self.tests {
+            test.control_unit = units.get(&test.control_name).map(str::to_owned);
+        }
+        self
     }
 
     /// The same where the bounds of parameters are wider than was believed: what lies beyond is less likely.

@@ -169,6 +169,11 @@ impl Course {
         }
     }
 
+    /// Runs of those that were asked for which are not made yet.
+    pub fn unused(&self) -> usize {
+        self.left.unwrap_or(0)
+    }
+
     /// How far the box may grow: where it has gone beyond the prior often enough it may still be too narrow within.
     pub fn limit(&self) -> Limit {
         let beyond = Wider::Beyond as usize;

@@ -6,9 +6,14 @@ use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
 use crate::noise::OTHER_NOISE;
+use gl_inference::fit::{Fit, test};
 
 /// Below this probability a hypothesis is not settled.
 pub const SETTLED: f64 = 0.8;
+
+/// Uncertainty of the emulator where a cause fits best, in units of noise and scatter, from which it is not settled: what fits
+/// there may be the emulator's error.
+const UNSURE: f64 = 3.0;
 
 /// Whether what comes first is settled: probable, shown by runs, within the bounds, and without a rival that is not ruled out.
 pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
@@ -16,11 +21,11 @@ pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
     if diagnosis.stated() < SETTLED || !diagnosis.leans.is_empty() || diagnosis.is_unproven() {
         false
     } else if first.is_cause() {
-        is_clear_of_unknown(diagnosis) && !base_fits(problem, diagnosis)
+        is_clear_of_unknown(diagnosis) && !base_fits(problem, diagnosis) && diagnosis.ignorance < UNSURE
     } else if first.has_rest {
         may_close(diagnosis).is_none() && diagnosis.confounded().is_none()
     } else {
-        first.doubted() == 0.0
+        first.doubted() == 0.0 && base_misfit(problem, diagnosis).is_none()
     }
 }
 
@@ -35,6 +40,37 @@ pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
     base.fits.is_some_and(|fits| fits > FITS)
         && !needs_more_noise(problem, base, diagnosis.first())
         && ignorance(problem, base) <= KNOWN
+}
+
+/// What the base model leaves where that is no noise as it was stated, by the test that all tools share. Nothing is said
+/// where the simulation's scatter, or what the emulator does not know, is a part of what is left.
+pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> {
+    /// So much more than the noise alone is not noise alone.
+    const MORE: f64 = 1.1;
+    /// What an emulator does not know is smooth: of less than this nothing is seen.
+    const UNSEEN: f64 = 0.3;
+    let base = diagnosis.attribution.base();
+    let stated = vec![1.0; problem.ranges.len()];
+    let scales =
+        if problem.is_noise_stated { stated } else { base.model(problem).nuisances(base.best()).scales };
+    let noise = |j: usize| problem.noise_variance(j, scales[j]).sqrt();
+    let is_noise_alone = (0..problem.ranges.len()).all(|j| problem.spread(j, &scales) < MORE * noise(j));
+    if !is_noise_alone || ignorance(problem, base) > UNSEEN {
+        return None;
+    }
+    let left = |j: usize| -> Vec<f64> {
+        let of = |i: usize| {
+            // One that is far off says nothing of the others.
+            if base.outliers.contains(&i) {
+                0.0
+            } else {
+                (problem.observed[i] - base.evidence.mean[i]) / (scales[j] * problem.units[i])
+            }
+        };
+        problem.own(j).map(of).collect()
+    };
+    let left: Vec<Vec<f64>> = (0..problem.ranges.len()).map(left).collect();
+    Some(test(&left, problem.prior.base().len())).filter(Fit::is_bad)
 }
 
 /// Whether an explanation fits only by a noise that is larger than another one needs.

@@ -41,7 +41,7 @@ pub fn verdict(
 ) -> Result<Verdicts> {
     let mut verdicts = Verdicts::default();
     if let Some(believed) = believed {
-        bounds::add_beyond(&mut verdicts, problem, diagnosis.first(), believed);
+        bounds::add_beyond(&mut verdicts, problem, diagnosis, believed);
     }
     for lean in &diagnosis.leans {
         bounds::add_lean(&mut verdicts, lean, diagnosis, bounds);

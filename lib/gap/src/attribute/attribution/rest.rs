@@ -1,5 +1,6 @@
 //! What is left of a measurement beside the effects that are in: the rest, and what it goes with.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use anyhow::Result;
@@ -120,8 +121,13 @@ pub fn goes_with(problem: &Problem<'_>, of: &Explanation) -> Result<Vec<GoesWith
         }
     }
     all.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let mut said = HashSet::new();
+    all.retain(|of| said.insert((of.observable, of.what.clone())));
     Ok(all)
 }
+
+/// One shape by either branch that a turn may be counted to.
+const BRANCH: &str = "the branch (rising or falling)";
 
 /// A shape along the control, of root mean square 1.
 struct Shape {
@@ -153,13 +159,12 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     add("the end", "breakage of grains, a membrane or a drift", (0..steps).map(to_end).collect());
     add("the way so far", "a drift of the sensor or creep", travelled.to_vec());
     if !turns.is_empty() {
-        let way =
-            |t: usize| if control[(t + 1).min(last)] >= control[(t + 1).min(last) - 1] { 1.0 } else { -1.0 };
-        add(
-            "the branch (rising or falling)",
-            "plasticity of contacts, or friction of walls or piston",
-            (0..steps).map(way).collect(),
-        );
+        // The reading at a turn may still be of the branch that ends there.
+        let before = |t: usize| if control[t.max(1)] >= control[t.max(1) - 1] { 1.0 } else { -1.0 };
+        let after = |t: usize| before((t + 1).min(last));
+        for branch in [(0..steps).map(before).collect(), (0..steps).map(after).collect()] {
+            add(BRANCH, "plasticity of contacts, or friction of walls or piston", branch);
+        }
         let since_turn = |t: usize| {
             let turn = turns.iter().rev().find(|turn| **turn <= t).copied().unwrap_or(0);
             (-(travelled[t] - travelled[turn]) / FADES).exp()

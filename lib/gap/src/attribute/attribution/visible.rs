@@ -10,9 +10,12 @@ use crate::attribute::evidence::mode::standard_normal;
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 
-/// What a candidate adds to the curve and the base parameters cannot absorb must be so many standard
-/// deviations of noise and scatter in all, somewhere in its prior.
+/// What a candidate adds to the curve and the base parameters cannot absorb must be so many standard deviations in all, of
+/// noise, scatter and what the emulator does not know: at a few places of its prior, or so many more at one. Of a parameter
+/// that does nothing an emulator makes something, too, by chance.
 const SEEN: f64 = 2.0;
+const SEEN_AT_ONE: f64 = 3.0;
+const FEW: usize = 3;
 
 /// Points of the prior that are tried.
 const TRIED: usize = 40;
@@ -28,6 +31,7 @@ pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
         let model = Model::new(problem, &[candidate], false);
         let plain = Model::new(problem, &[], false);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut seen = 0;
         for _ in 0..TRIED {
             let mut w = vec![0.0; model.len()];
             w[..model.curve_parameters()].iter_mut().for_each(|w| *w = standard_normal(&mut random));
@@ -40,9 +44,12 @@ pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
             let (_, slopes) = plain.gradient(&of_base);
             let mut added = DMatrix::from_vec(problem.observed.len(), 1, model.added(&w));
             absorb(&plain, &of_base, &slopes, &mut added)?;
-            let none = vec![0.0; problem.predictor.basis().ncols()];
-            let solved = plain.with_covariance(&of_base, &none, |covariance| covariance.solve(&added))?;
-            if added.dot(&solved) > SEEN * SEEN {
+            let (on, off) = (model.curve(&w).variance, plain.curve(&of_base).variance);
+            let unknown: Vec<f64> = on.iter().zip(&off).map(|(on, off)| on + off).collect();
+            let solved = plain.with_covariance(&of_base, &unknown, |covariance| covariance.solve(&added))?;
+            let size = added.dot(&solved).sqrt();
+            seen += usize::from(size > SEEN);
+            if size > SEEN_AT_ONE || seen >= FEW {
                 return Ok(true);
             }
         }

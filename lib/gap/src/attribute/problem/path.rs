@@ -95,16 +95,17 @@ impl Path {
 
 impl Path {
     /// Steps of the control in words: one value, between two, or where the control turns somewhere, as a path.
-    pub fn told(&self, control: &str, steps: &Range<usize>) -> String {
+    pub fn told(&self, control: &str, unit: Option<&str>, steps: &Range<usize>) -> String {
         let values = &self.control;
         let is_one = steps.len() == 1;
+        let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
         let (from, to) = apart(values[steps.start], values[steps.end - 1]);
         let turns = self.turns();
         if turns.is_empty() {
             return if is_one {
-                format!("at {control} {from}")
+                format!("at {control} {from}{unit}")
             } else {
-                format!("between {control} {from} and {to}")
+                format!("between {control} {from} and {to}{unit}")
             };
         }
         let next = (steps.start + 1).min(values.len() - 1);
@@ -112,15 +113,17 @@ impl Path {
         let inside: Vec<usize> =
             turns.into_iter().filter(|&t| steps.start < t && t + 1 < steps.end).collect();
         match inside.as_slice() {
-            [] if is_one => format!("with {control} {way} at {from}"),
-            [] => format!("with {control} {way} from {from} to {to}"),
+            [] if is_one => format!("with {control} {way} at {from}{unit}"),
+            [] => format!("with {control} {way} from {from} to {to}{unit}"),
             [turn] => {
                 format!(
-                    "with {control} {way} from {from}, over the turn at {}, back to {to}",
+                    "with {control} {way} from {from}{unit}, over the turn at {}{unit}, back to {to}{unit}",
                     short(values[*turn])
                 )
             }
-            turns => format!("with {control} {way} from {from}, over {} turns, to {to}", turns.len()),
+            turns => {
+                format!("with {control} {way} from {from}{unit}, over {} turns, to {to}{unit}", turns.len())
+            }
         }
     }
 }
@@ -201,15 +204,23 @@ mod tests {
     fn a_stretch_of_a_control_that_turns_is_told_as_a_path() {
         let path = Path::new(&[0.0, 1.0, 2.6, 1.5, 0.5, 1.0]);
         assert_eq!(path.turns(), [2, 4]);
-        assert_eq!(path.told("u", &(0..2)), "with u rising from 0 to 1");
-        assert_eq!(path.told("u", &(1..4)), "with u rising from 1, over the turn at 2.6, back to 1.5");
-        assert_eq!(path.told("u", &(3..5)), "with u falling from 1.5 to 0.5");
-        assert_eq!(path.told("u", &(0..6)), "with u rising from 0, over 2 turns, to 1");
-        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(0..3)), "between e 0 and 2");
-        assert_eq!(path.told("u", &(3..4)), "with u falling at 1.5");
-        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", &(1..2)), "at e 1");
+        assert_eq!(path.told("u", None, &(0..2)), "with u rising from 0 to 1");
+        assert_eq!(path.told("u", None, &(1..4)), "with u rising from 1, over the turn at 2.6, back to 1.5");
+        assert_eq!(path.told("u", None, &(3..5)), "with u falling from 1.5 to 0.5");
+        assert_eq!(
+            path.told("u", Some("mm"), &(1..4)),
+            "with u rising from 1 mm, over the turn at 2.6 mm, back to 1.5 mm"
+        );
+        assert_eq!(path.told("u", Some("mm"), &(3..5)), "with u falling from 1.5 to 0.5 mm");
+        assert_eq!(path.told("u", None, &(0..6)), "with u rising from 0, over 2 turns, to 1");
+        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", None, &(0..3)), "between e 0 and 2");
+        assert_eq!(path.told("u", None, &(3..4)), "with u falling at 1.5");
+        assert_eq!(Path::new(&[0.0, 1.0, 2.0]).told("e", None, &(1..2)), "at e 1");
         // To as many digits as tell its ends apart, where three do not.
-        assert_eq!(Path::new(&[2.7, 2.70012, 2.70034]).told("e", &(1..3)), "between e 2.7001 and 2.7003");
+        assert_eq!(
+            Path::new(&[2.7, 2.70012, 2.70034]).told("e", None, &(1..3)),
+            "between e 2.7001 and 2.7003"
+        );
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub struct Test {
     pub name: String,
     /// Name of its control.
     pub control_name: String,
+    /// Unit of its control, where it is known.
+    pub control_unit: Option<String>,
     /// Its control.
     pub path: Path,
     /// Places of its observables among those of all tests.
@@ -43,6 +45,7 @@ impl Test {
         Self {
             name: name.to_owned(),
             control_name: control_name.to_owned(),
+            control_unit: None,
             observables: first.0..first.0 + observables,
             readings: first.1..first.1 + observables * control.len(),
             smooth: Smooth::new(&places),

@@ -1,5 +1,7 @@
 //! Parameters that are beyond what was believed of them, and bounds that the measurement leans on.
 
+use std::collections::HashSet;
+
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
@@ -10,29 +12,43 @@ use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::path::short;
 
-/// Parameters that are beyond what was believed of them: with a probability of 0.95.
+/// Parameters that are beyond what was believed of them with a probability of 0.95, under what comes first, or under the
+/// same effects with a rest or without: a rest makes up for an effect that a bound cuts off.
 pub(super) fn add_beyond(
     verdicts: &mut Verdicts,
     problem: &Problem<'_>,
-    first: &Explanation,
+    diagnosis: &Diagnosis,
     believed: (&Prior, &str),
 ) {
+    /// From this probability on the same effects otherwise are no outsider.
+    const ALIVE: f64 = 0.1;
+    let first = diagnosis.first();
+    let is_alive = |of: &&Explanation| {
+        of.hypothesis == first.hypothesis && of.has_rest != first.has_rest && of.probability >= ALIVE
+    };
+    let other = diagnosis.attribution.explanations.iter().find(is_alive);
     let (prior, source) = believed;
-    for Marginal { name, mean, sd, low, high, .. } in marginals(problem, first) {
-        let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
-            continue;
-        };
-        let (side, bound) = if low > parameter.upper {
-            ("upper", parameter.upper)
-        } else if high < parameter.lower {
-            ("lower", parameter.lower)
-        } else {
-            continue;
-        };
-        verdicts.add("beyond-prior", &name, format!(
-            "under {} {name} is {} ± {}, beyond its {side} bound, {bound} in {source}: what was believed of it was wrong, or something imitates it; what follows holds with the wider bound",
-            first.name, short(mean), short(sd)
-        ));
+    let mut said = HashSet::new();
+    for of in [first].into_iter().chain(other) {
+        for Marginal { name, mean, sd, low, high, .. } in marginals(problem, of) {
+            let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
+                continue;
+            };
+            let (side, bound) = if low > parameter.upper {
+                ("upper", parameter.upper)
+            } else if high < parameter.lower {
+                ("lower", parameter.lower)
+            } else {
+                continue;
+            };
+            if !said.insert(name.clone()) {
+                continue;
+            }
+            verdicts.add("beyond-prior", &name, format!(
+                "under {} {name} is {} ± {}, beyond its {side} bound, {bound} in {source}: what was believed of it was wrong, or something imitates it; what follows holds with the wider bound",
+                of.name, short(mean), short(sd)
+            ));
+        }
     }
 }
 

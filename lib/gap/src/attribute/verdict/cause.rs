@@ -1,6 +1,7 @@
 //! The cause, or why there is none, and how much of the gap it closes.
 
 use anyhow::Result;
+use gl_inference::fit::Fit;
 use gl_table::verdict::Verdicts;
 
 use super::{LITTLE, percent, rest};
@@ -11,7 +12,9 @@ use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
 use crate::attribute::problem::path::short;
-use crate::attribute::settled::{SETTLED, base_fits, is_clear_of_unknown, is_settled, may_close};
+use crate::attribute::settled::{
+    SETTLED, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
+};
 
 /// Shares of the gap that differ by more are two, and their units are said.
 const ANOTHER: f64 = 0.05;
@@ -32,23 +35,41 @@ pub(super) fn add(
     } else if first.has_rest {
         add_unknown(verdicts, problem, diagnosis, is_settled);
     } else {
-        add_none(verdicts, first, is_settled);
+        add_none(verdicts, problem, diagnosis, is_settled);
     }
     Ok(())
 }
 
-/// That the base model comes first: settled unless it takes a noise that was not believed.
-fn add_none(verdicts: &mut Verdicts, first: &Explanation, is_settled: bool) {
+/// That the base model comes first: settled unless it takes a noise that was not believed, or leaves what is no noise as
+/// it was stated.
+fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
+    /// Neighbours this far on the same side of each other, or on the other one, are correlated, or alternate.
+    const CORRELATED: f64 = 0.25;
+    let first = diagnosis.first();
     let (probability, is_doubted) = (first.probability, first.doubted() > 0.0);
-    let needed = if probability < SETTLED || is_doubted { "seems to be needed" } else { "is needed" };
+    let misfit = base_misfit(problem, diagnosis);
+    let is_doubtful = probability < SETTLED || is_doubted || misfit.is_some();
+    let needed = if is_doubtful { "seems to be needed" } else { "is needed" };
     let mut text =
         format!("no effect {needed}: the base model explains the measurement, probability {probability:.2}");
-    if is_doubted {
-        text += &format!(
-            ", if readings scatter {} times what was stated: their noise is larger, or something as rough as noise is at work, which is no candidate",
+    let other = "or something as rough as noise is at work, which is no candidate";
+    text += &match misfit {
+        _ if is_doubted => format!(
+            ", if readings scatter {} times what was stated: their noise is larger, {other}",
             short(first.noise_scale)
-        );
-    }
+        ),
+        Some(Fit { correlation, .. }) if correlation < -CORRELATED => format!(
+            ", but what it leaves changes its sign from reading to reading more than noise does (correlation {correlation:.2}): look at how the readings were taken, or at an oscillation that the model lacks"
+        ),
+        Some(Fit { correlation, .. }) if correlation > CORRELATED => format!(
+            ", if the noise is correlated: what it leaves is smoother than noise as it was stated (correlation {correlation:.2}), {other}"
+        ),
+        Some(Fit { scatter, .. }) => format!(
+            ", if readings scatter {} times what was stated: their noise is larger, {other}",
+            short(scatter)
+        ),
+        None => String::new(),
+    };
     verdicts.add(if is_settled { "none" } else { "unsettled" }, "none", text);
 }
 
@@ -67,17 +88,10 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
         return;
     }
     let text = match diagnosis.attribution.nearest() {
-        None => format!("something else than the base model is at work, probability {first:.2}"),
-        Some(of) if first < SETTLED && diagnosis.attribution.probability_of(of) < LITTLE => {
-            format!("something else than the base model seems to be at work, probability {first:.2}")
+        None if is_settled => {
+            format!("something else than the base model is at work, probability {first:.2}")
         }
-        Some(of) if first < SETTLED => format!(
-            "something else seems to be at work, probability {first:.2}, or {}, probability {:.2}, which closes {} % of the gap",
-            name(&of.hypothesis, &problem.candidates),
-            diagnosis.attribution.probability_of(of),
-            percent(of.closes)
-        ),
-        Some(of) => {
+        Some(of) if is_settled => {
             let none = format!(
                 "none of the candidates explains the measurement: something else is at work, probability {first:.2}"
             );
@@ -91,6 +105,13 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
                 )
             }
         }
+        Some(of) if diagnosis.attribution.probability_of(of) >= LITTLE => format!(
+            "something else seems to be at work, probability {first:.2}, or {}, probability {:.2}, which closes {} % of the gap",
+            name(&of.hypothesis, &problem.candidates),
+            diagnosis.attribution.probability_of(of),
+            percent(of.closes)
+        ),
+        _ => format!("something else than the base model seems to be at work, probability {first:.2}"),
     };
     if is_settled {
         verdicts.add("unexplained", first, text);
@@ -184,13 +205,15 @@ fn add_effects(
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
     // An observable that is noisy over its range counts for less in units of its noise.
     let is_another = (closes.median - first.closes).abs() > ANOTHER;
+    let in_ranges = if first.outliers.is_empty() {
+        ", each observable as a share of its range"
+    } else {
+        ", each observable as a share of its range, outliers and all"
+    };
     let units = match (is_another, first.has_rest) {
         (false, _) => String::new(),
-        (true, true) => ", each observable as a share of its range; above, in units of its noise".to_owned(),
-        (true, false) => format!(
-            ", each observable as a share of its range; {} % in units of its noise",
-            percent(first.closes)
-        ),
+        (true, true) => format!("{in_ranges}; above, in units of its noise"),
+        (true, false) => format!("{in_ranges}; {} % in units of its noise", percent(first.closes)),
     };
     verdicts.add(
         "closes",

@@ -47,7 +47,7 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
             _ => ("readings", "look like outliers, and count"),
         };
         let text = format!(
-            "{which} {} of {name}, at {} {}, {are} for little (the first is 0)",
+            "{which} {} of {name}, at {} {}, {are} for little (counted from 0)",
             all_of(&readings),
             test.control_name,
             all_of(&at)
