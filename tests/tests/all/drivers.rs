@@ -452,6 +452,24 @@ fn a_box_goes_beyond_the_prior_twice_and_no_further() {
     assert!(upper > 8.65 && upper < 8.75, "{upper}");
 }
 
+#[test]
+fn a_case_without_a_candidate_is_not_diagnosed_and_one_of_errors_of_the_rig_alone_is() {
+    let folder = Folder::default();
+    copy_case(&folder, "collision", &SMALL);
+    let diagnosed = |measurement: &[&str]| {
+        let mut driver = driver(&folder, "gl-diagnose");
+        driver.args(["case", "--out", "made", "design_num=20"]).args(measurement).output().unwrap()
+    };
+    let refused = diagnosed(&[]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("case/params.txt: there is no candidate"), "{:?}", refused.stderr);
+    assert!(!folder.path("made/base").exists());
+    let said = diagnosed(&["measurement=offset"]);
+    assert_eq!(said.status.code(), Some(0), "{}", text(&said.stderr));
+    let hypotheses = folder.texts("made/attribution.txt", "hypothesis");
+    assert!(hypotheses.contains(&"offset(f)".to_owned()), "{hypotheses:?}");
+}
+
 /// The tools that work in a folder.
 fn at_work(folder: &Folder) -> Vec<String> {
     let here = fs::canonicalize(folder.path("")).unwrap();

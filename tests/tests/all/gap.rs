@@ -105,8 +105,8 @@ fn a_run_without_a_weight_and_a_weight_without_a_run_are_named() {
 #[test]
 fn a_rise_that_the_model_lacks_is_located() {
     let directory = directory();
-    let output =
-        run(directory.path(), "gl-gap-locate", "-b obs.txt -c e -v q -w weights.tsv --noise q=0.1 base.tsv");
+    let call = "-b obs.txt -c e -v q -w weights.tsv --noise q=0.1 --units e=mm base.tsv";
+    let output = run(directory.path(), "gl-gap-locate", call);
     let table = table(&output);
     let columns = ["observable", "from", "to", "gap", "gap_sd", "z", "share", "significant"];
     assert_eq!(table.format().columns()[..8], columns);
@@ -115,7 +115,7 @@ fn a_rise_that_the_model_lacks_is_located() {
     assert_eq!((table.number(1, 1).unwrap(), table.number(1, 2).unwrap()), (2.0, 3.9));
     assert!((table.number(1, 3).unwrap() - 1.0).abs() < 0.1);
     assert!(table.number(1, 6).unwrap() > 0.95);
-    assert!(stderr(&output).contains("The gap lies in q between e 2 and 3.9"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("The gap lies in q between e 2 and 3.9 mm"), "{}", stderr(&output));
 }
 
 #[test]

@@ -144,6 +144,21 @@ fn a_fit_shows_measurement_mean_band_best_runs_and_residuals() {
 }
 
 #[test]
+fn a_fit_shows_the_band_of_the_draws_where_it_is_given() {
+    let folder = calibration();
+    let table = |steps: usize| {
+        let rows = (0..steps).map(|step| format!("f {step} {step} 40 1 39 40 41\n"));
+        format!("observable step control mean sd q05 q50 q95\n{}", rows.collect::<String>())
+    };
+    folder.0.write("curves.txt", table(4));
+    let svg = folder.svg("fit -b obs.txt -c u -v f -w weights.txt --posterior curves.txt ensemble.txt");
+    assert!(has_text(&svg, "posterior's mean") && has_text(&svg, "40"), "{svg}");
+    folder.0.write("curves.txt", table(3));
+    let said = folder.error("fit -b obs.txt -c u -v f -w weights.txt --posterior curves.txt ensemble.txt");
+    assert!(said.contains("curves.txt: 3 steps of f where the measurement has 4"), "{said}");
+}
+
+#[test]
 fn a_path_that_turns_back_is_drawn_in_its_own_order() {
     let svg = calibration().svg("fit -b obs.txt -c u -v f -w weights.txt ensemble.txt");
     let mean = svg.split("<title>mean</title>").nth(1).unwrap().split('"').nth(1).unwrap();

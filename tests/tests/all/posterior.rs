@@ -71,7 +71,7 @@ fn each_reading_of_a_line_is_predicted_from_the_others_as_the_closed_form_has_it
     let noise = exact("few", "known", "noise_sd");
     folder.run(&format!(
         "gl-posterior -p params.txt -s samples.txt -b obs.txt -c x -v y --noise y={noise} --noise-as-stated -n 2000 \
-         --loo-out loo.txt --verdict verdict.txt -o draws.txt ensemble.txt"
+         --loo-out loo.txt --curves-out curves.txt --verdict verdict.txt -o draws.txt ensemble.txt"
     ));
     let (x, y) = (folder.column("obs.txt", "x"), folder.column("obs.txt", "y"));
     let n = x.len() as f64;
@@ -84,7 +84,13 @@ fn each_reading_of_a_line_is_predicted_from_the_others_as_the_closed_form_has_it
         (folder.column("loo.txt", "control"), folder.column("loo.txt", "measured")),
         (x.clone(), y.clone())
     );
+    let of_draws = ["mean", "q05", "q95"].map(|column| folder.column("curves.txt", column));
     for i in 0..x.len() {
+        // The line itself, without noise.
+        let (line, leverage) = (level + slope * (x[i] - centre), 1.0 / n + (x[i] - centre).powi(2) / square);
+        let band = 2.0 * gl_numeric::normal::normal_quantile(0.95) * noise * leverage.sqrt();
+        assert!((of_draws[0][i] - line).abs() < 0.05 * noise, "reading {i}: {} for {line}", of_draws[0][i]);
+        assert!(((of_draws[2][i] - of_draws[1][i]) / band - 1.0).abs() < 0.07, "reading {i} for {band}");
         let residual = y[i] - level - slope * (x[i] - centre);
         let left = 1.0 - 1.0 / n - (x[i] - centre).powi(2) / square;
         let (mean, sd) = (y[i] - residual / left, noise / left.sqrt());

@@ -205,3 +205,30 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     }
     shapes
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn a_hysteresis_is_told_by_its_branch_whichever_the_reading_at_a_turn_belongs_to() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        for turn in [12, 13] {
+            let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+            observations.control = (0..STEPS).map(|t| (t as f64 - 13.0).abs()).collect();
+            for (t, y) in observations.values[0].iter_mut().enumerate() {
+                *y += if t <= turn { 0.1 } else { -0.1 };
+            }
+            let problem = predictor.problem(&prior, &observations);
+            let diagnosis = diagnose(&problem, 1, 1).unwrap();
+            let unknown = diagnosis.attribution.explanations.iter().find(|of| of.is_unknown()).unwrap();
+            let all = goes_with(&problem, unknown).unwrap();
+            assert_eq!(all[0].what, BRANCH, "{all:?}");
+            assert_eq!(all.iter().filter(|of| of.what == BRANCH).count(), 1);
+        }
+    }
+}

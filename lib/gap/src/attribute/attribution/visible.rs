@@ -57,3 +57,23 @@ pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
     };
     (0..problem.candidates.len()).map(see).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn what_an_emulator_makes_of_a_parameter_is_seen_only_where_it_is_sure_of_it() {
+        let seen = |predictor: Straight| {
+            let (prior, observations) = (Straight::prior(), Straight::measured(1.3, 0.6, 0.0, 0.01));
+            visible(&predictor.problem(&prior, &observations), 1).unwrap()
+        };
+        // The wave has an amplitude of 1; an offset needs no emulator.
+        assert_eq!(seen(Straight::new()), [true, true]);
+        assert_eq!(seen(Straight::unsure(1e-3)), [true, true]);
+        assert!(!seen(Straight::unsure(4.0))[0]);
+    }
+}

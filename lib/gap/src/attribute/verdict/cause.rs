@@ -372,6 +372,42 @@ mod tests {
     }
 
     #[test]
+    fn that_no_effect_is_needed_is_not_settled_where_what_is_left_alternates() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let said = |amplitude: f64| {
+            let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+            for (t, y) in observations.values[0].iter_mut().enumerate() {
+                *y += if t % 2 == 0 { amplitude } else { -amplitude };
+            }
+            let problem = predictor.problem(&prior, &observations);
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations.sort_by_key(|of| of.name != "none");
+            diagnosis.attribution.explanations[0].probability = 0.95;
+            let mut verdicts = Verdicts::default();
+            add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            verdicts.rows.remove(0)
+        };
+        assert_eq!(said(0.0).code, "none");
+        let alternating = said(0.012);
+        assert_eq!(alternating.code, "unsettled");
+        assert!(
+            alternating.text.contains("changes its sign from reading to reading"),
+            "{}",
+            alternating.text
+        );
+    }
+
+    #[test]
+    fn a_cause_is_not_settled_where_the_emulator_is_unsure_of_it() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        assert!(is_settled(&problem, &diagnosis));
+        diagnosis.ignorance = 3.1;
+        assert!(!is_settled(&problem, &diagnosis));
+    }
+
+    #[test]
     fn that_no_effect_is_needed_is_not_settled_by_a_noise_that_was_not_believed() {
         assert_eq!(answer("none", 0.85, false, 2.0).0, "none");
         assert_eq!(answer("none", 0.85, false, 5.9), ("unsettled".to_owned(), "none".to_owned()));
