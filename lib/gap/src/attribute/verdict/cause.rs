@@ -301,7 +301,8 @@ mod tests {
     /// on or not, and the readings scatter so many times what was stated.
     fn answer(name: &str, probability: f64, leans: bool, noise_scale: f64) -> (String, String) {
         let (predictor, prior) = (Straight::new(), Straight::prior());
-        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let wave = if name == "none" { 0.0 } else { 0.8 };
+        let observations = Straight::measured(1.3, 0.6, wave, 0.01);
         let problem = predictor.problem(&prior, &observations);
         let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
         let explanations = &mut diagnosis.attribution.explanations;
