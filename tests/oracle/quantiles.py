@@ -6,9 +6,8 @@
   cv        sd / mean
   ln_sum    ln of the sum of the weights
   qPP       lowest x at which the cumulative weight, samples at or below x, reaches PP %
-  mPP       inverse of the distribution function that has a level piece at each of the sorted samples of positive
-            weight, equal x merged first, and rises between neighbours over the smaller of their weights, half of
-            it on either side of where the one ends and the other begins
+  mPP       linear between (W_1 + ... + W_i - W_i / 2, x_i) of the sorted samples of positive weight, equal x
+            merged first; constant beyond the ends
 """
 
 import numpy as np
@@ -69,16 +68,15 @@ for case, (ln_w, x) in CASES.items():
         put(f"q{int(100 * p + mpf('0.5')):02d}", next(b for c, _, b in points if c >= p))
     for p in P:
         p = mpf(p)
-        weights = [2 * (c - m) for c, m, _ in points]
-        rises = [min(one, other) / 2 for one, other in zip(weights, weights[1:])]
-        corners = []
-        for (c, _, x), weight, before, after in zip(points, weights, [mpf(0)] + rises, rises + [mpf(0)]):
-            corners += [(c - weight + before, x), (c - after, x)]
-        value = corners[-1][1]
-        for (p0, x0), (p1, x1) in zip(corners, corners[1:]):
-            if p <= p1:
-                value = x0 if p <= p0 else x0 + (p - p0) / (p1 - p0) * (x1 - x0)
-                break
+        centres = [c for _, c, _ in points]
+        if p <= centres[0]:
+            value = points[0][2]
+        elif p >= centres[-1]:
+            value = points[-1][2]
+        else:
+            i = next(i for i, c in enumerate(centres) if c > p)
+            (_, c0, b0), (_, c1, b1) = points[i - 1], points[i]
+            value = b0 + (p - c0) / (c1 - c0) * (b1 - b0)
         put(f"m{int(100 * p + mpf('0.5')):02d}", value)
 
 write_table("quantiles_samples.tsv", ["case", "ln_w", "x"], samples)

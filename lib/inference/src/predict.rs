@@ -73,7 +73,7 @@ fn moments(values: &[f64], sds: Option<&[f64]>, weights: &[f64]) -> Moments {
     match sds.filter(|sds| sds.iter().any(|&sd| sd > 0.0)) {
         None => {
             let quantiles = Quantiles::new(values, weights);
-            Moments { mean: centre, sd: between, quantiles: LEVELS.map(|p| quantiles.at(p)) }
+            Moments { mean: centre, sd: between, quantiles: LEVELS.map(|p| quantiles.among(p)) }
         }
         Some(sds) => {
             let within: f64 = sds.iter().zip(weights).map(|(sd, w)| w * sd * sd).sum();

@@ -79,12 +79,10 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
     values.iter().zip(weights).map(|(x, w)| w * (x - centre).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Quantiles under weights that sum to one: each sample has its share of the probability, and from one to the next they are
-/// linear over the smaller of the two shares, half of it on either side.
+/// Quantiles under weights that sum to one.
 ///
 /// Samples of the same value are one sample with their weights together, so that the order of the rows
-/// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n; a sample of hardly any weight
-/// moves no quantile, however far off it is.
+/// makes no difference. With equal weights these are Hazen's plotting positions, (i − ½)/n.
 ///
 /// # Examples
 /// ```
@@ -92,8 +90,11 @@ pub fn sd(values: &[f64], weights: &[f64]) -> f64 {
 ///
 /// let quantiles = Quantiles::new(&[3.0, 1.0], &[0.5, 0.5]);
 /// assert_eq!([0.25, 0.5, 0.75, 1.0].map(|p| quantiles.at(p)), [1.0, 2.0, 3.0, 3.0]);
+/// assert_eq!([0.25, 0.5, 0.75, 1.0].map(|p| quantiles.among(p)), [1.0, 2.0, 3.0, 3.0]);
+/// // What hardly weighs anything moves the one, and not the other.
 /// let quantiles = Quantiles::new(&[1.0, 2.0, 9.0], &[1e-9, 0.95, 0.05]);
-/// assert_eq!([0.05, 0.9].map(|p| quantiles.at(p)), [2.0, 2.0]);
+/// assert!(quantiles.at(0.05) < 1.2);
+/// assert_eq!(quantiles.among(0.05), 2.0);
 /// ```
 #[derive(Clone, Debug)]
 pub struct Quantiles {
@@ -106,8 +107,18 @@ pub struct Quantiles {
 struct Share {
     value: f64,
     share: f64,
-    /// Probability up to and with it.
-    up_to: f64,
+    /// Probability below it.
+    below: f64,
+}
+
+impl Share {
+    fn middle(self) -> f64 {
+        self.below + self.share / 2.0
+    }
+
+    fn up_to(self) -> f64 {
+        self.below + self.share
+    }
 }
 
 impl Quantiles {
@@ -115,30 +126,46 @@ impl Quantiles {
     pub fn new(values: &[f64], weights: &[f64]) -> Self {
         let weighted = values.iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
         let mut samples: Vec<Share> =
-            weighted.map(|(&value, &share)| Share { value, share, up_to: 0.0 }).collect();
+            weighted.map(|(&value, &share)| Share { value, share, below: 0.0 }).collect();
         samples.sort_by(|a, b| a.value.total_cmp(&b.value).then(a.share.total_cmp(&b.share)));
         samples.dedup_by(|next, kept| {
             let is_tie = next.value == kept.value;
             kept.share += if is_tie { next.share } else { 0.0 };
             is_tie
         });
-        let mut up_to = 0.0;
+        let mut below = 0.0;
         for sample in &mut samples {
-            up_to += sample.share;
-            sample.up_to = up_to;
+            sample.below = below;
+            below += sample.share;
         }
         Self { samples }
     }
 
-    /// The value below which the probability is `p`; NaN if there are no samples.
+    /// The value below which the probability is `p`, linear between the midpoints of the samples' shares: of the law that a
+    /// few samples are drawn from, whose tails lie beyond them. NaN if there are no samples.
     pub fn at(&self, p: f64) -> f64 {
+        let next = self.samples.partition_point(|sample| sample.middle() < p);
+        match (next.checked_sub(1).map(|i| self.samples[i]), self.samples.get(next)) {
+            (Some(one), Some(other)) => {
+                let (p0, p1) = (one.middle(), other.middle());
+                one.value + (other.value - one.value) * (p - p0) / (p1 - p0)
+            }
+            (Some(one), None) => one.value,
+            (None, Some(other)) => other.value,
+            (None, None) => f64::NAN,
+        }
+    }
+
+    /// The same of the samples themselves, linear from one to the next over the smaller of their two shares, half of it on
+    /// either side: one of hardly any weight moves none, however far off it is.
+    pub fn among(&self, p: f64) -> f64 {
         let Some(last) = self.samples.len().checked_sub(1) else { return f64::NAN };
-        let i = self.samples.partition_point(|sample| sample.up_to < p).min(last);
+        let i = self.samples.partition_point(|sample| sample.up_to() < p).min(last);
         let here = self.samples[i];
         // Across the border between two samples, from the one below.
-        let across = |below: Share, above: Share| {
-            let passed = (p - below.up_to) / below.share.min(above.share);
-            (passed.abs() < 0.5).then_some(below.value + (above.value - below.value) * (0.5 + passed))
+        let across = |one: Share, other: Share| {
+            let passed = (p - other.below) / one.share.min(other.share);
+            (passed.abs() < 0.5).then_some(one.value + (other.value - one.value) * (0.5 + passed))
         };
         let from_below = i.checked_sub(1).and_then(|i| across(self.samples[i], here));
         let to_above = || self.samples.get(i + 1).and_then(|above| across(here, *above));
@@ -159,8 +186,7 @@ impl Quantiles {
 pub fn shortest_interval(values: &[f64], weights: &[f64], mass: f64) -> (f64, f64) {
     // Each stands in the middle of its share.
     let samples = Quantiles::new(values, weights).samples;
-    let points: Vec<(f64, f64)> =
-        samples.iter().map(|sample| (sample.value, sample.up_to - 0.5 * sample.share)).collect();
+    let points: Vec<(f64, f64)> = samples.iter().map(|sample| (sample.value, sample.middle())).collect();
     let (mut shortest, mut last) = ((f64::NAN, f64::NAN), 0);
     for &(low, below) in &points {
         // Weights that sum to one up to rounding.
