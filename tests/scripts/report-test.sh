@@ -84,7 +84,7 @@ weights_of_the_runs_have_a_history_and_draws_a_prediction_of_each_reading() {
     with_calibration
     gl-report case --out made >log
     grep -q 'The posterior is one of draws through an emulator of the runs' made/report.html
-    grep -q -- '-w made/posterior-runs-weights.txt made/ensemble.txt -o' made/report.html
+    grep -q -- '-w made/posterior-runs-weights.txt --posterior made/posterior-curves.txt made/ensemble.txt -o' made/report.html
     grep -q 'gl-plot predictive -c u .* made/iter1/loo.txt -o' made/report.html
     grep -qE '<li>[0-9]+ of 162 readings lie in the (90|50) % band that the others predict for them' made/report.html
 }
