@@ -62,8 +62,7 @@ pub(crate) fn measured(call: Call, case: &Case, which: Which) -> Call {
 
 /// The units of a case, as tools take them.
 pub(crate) fn units(case: &Case) -> Option<String> {
-    let units: Vec<String> = case.units.iter().map(|(name, unit)| format!("{name}={unit}")).collect();
-    (!units.is_empty()).then(|| units.join(","))
+    list(&case.units.iter().map(|(name, unit)| format!("{name}={unit}")).collect::<Vec<_>>())
 }
 
 /// The ensemble of each test in a folder, as tools take them.

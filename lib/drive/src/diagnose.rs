@@ -13,8 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use gl_case::folders::{self, BASE, BASE_WIDER, SHRINK_BETWEEN};
 use gl_case::{Case, Engine, Posterior, Test};
-use gl_gap::attribute::attribution::UNEXPLAINED;
-use gl_gap::attribute::winner::{is_of_the_measurement, winning_effects};
+use gl_gap::attribute::winner::{cause, is_of_the_measurement, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -348,9 +347,5 @@ fn is_of(foretold: &Path, effects: &str) -> Result<bool> {
         return Ok(false);
     }
     let hypothesis = table.field(0, table.format().column("hypothesis")?);
-    let mut own: Vec<&str> = hypothesis.split('+').filter(|effect| *effect != UNEXPLAINED).collect();
-    let mut wanted: Vec<&str> = effects.split(',').collect();
-    own.sort_unstable();
-    wanted.sort_unstable();
-    Ok(own == wanted)
+    Ok(cause(hypothesis) == effects.replace(',', "+"))
 }

@@ -299,6 +299,11 @@ impl Emulator {
         self.processes.iter().map(|process| process.mean(&x)).collect()
     }
 
+    /// The curve that has these scores, shape (observables · steps,).
+    pub fn curve(&self, scores: &[f64]) -> DVector<f64> {
+        self.centre() + self.basis() * DVector::from_column_slice(scores)
+    }
+
     /// Mean of each score and variance of the emulator's ignorance about it at coordinates, each of
     /// shape (components,).
     pub fn predict_scores(&self, coordinates: &[f64]) -> (Vec<f64>, Vec<f64>) {

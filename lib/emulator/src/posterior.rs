@@ -326,8 +326,8 @@ impl Asked<'_> {
         let likelihood = Likelihood::new(&surrogate, space, measured, nuisances.clone());
         let points = thinned(&population.points, options.draws, options.seed);
         let residual = |x: &Vec<f64>| {
-            let scores = nalgebra::DVector::from_vec(surrogate.emulator.mean_scores(&space.coordinates(x)));
-            let curve = surrogate.emulator.centre() + surrogate.emulator.basis() * scores;
+            let emulator = &surrogate.emulator;
+            let curve = emulator.curve(&emulator.mean_scores(&space.coordinates(x)));
             measured.residual(curve.as_slice())
         };
         let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();

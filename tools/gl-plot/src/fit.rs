@@ -87,13 +87,14 @@ impl Fit {
             Some(weights) => (weights.of_runs(first)?, best(first, weights, self.best)),
             None => (vec![1.0 / first.len() as f64; first.len()], Vec::new()),
         };
+        let of_draws = self.posterior.as_deref().map(Draws::read).transpose()?;
         let mut curves = Vec::new();
         for Part { name, observations, noise, ensemble, .. } in &parts {
             let of_runs = predict(ensemble, &weight)?;
             for (j, observable) in observations.names.iter().enumerate() {
                 let name = named(name, observable);
-                let [mean, low, high] = match &self.posterior {
-                    Some(table) => of_draws(table, &name, observations.steps())?,
+                let [mean, low, high] = match &of_draws {
+                    Some(draws) => draws.of(&name, observations.steps())?,
                     None => [
                         of_runs[j].iter().map(|moments| moments.mean).collect(),
                         of_runs[j].iter().map(|moments| moments.quantiles[0]).collect(),
@@ -209,18 +210,29 @@ impl Fit {
     }
 }
 
-/// Mean and the ends of the band of an observable, each of shape (steps,), by the table of its draws.
-fn of_draws(table: &Path, observable: &str, steps: usize) -> Result<[Vec<f64>; 3]> {
-    let mut rows: Vec<Predicted> = Table::read(table)?.rows()?;
-    rows.retain(|row| row.observable == observable);
-    ensure!(
-        rows.len() == steps,
-        "{}: {} steps of {observable} where the measurement has {steps}",
-        table.display(),
-        rows.len()
-    );
-    let column = |of: fn(&Predicted) -> f64| rows.iter().map(of).collect();
-    Ok([column(|row| row.mean), column(|row| row.q05), column(|row| row.q95)])
+/// What the draws of a posterior predict.
+struct Draws<'a> {
+    source: &'a Path,
+    rows: Vec<Predicted>,
+}
+
+impl<'a> Draws<'a> {
+    fn read(source: &'a Path) -> Result<Self> {
+        Ok(Self { source, rows: Table::read(source)?.rows()? })
+    }
+
+    /// Mean and the ends of the band of an observable, each of shape (steps,).
+    fn of(&self, observable: &str, steps: usize) -> Result<[Vec<f64>; 3]> {
+        let rows: Vec<&Predicted> = self.rows.iter().filter(|row| row.observable == observable).collect();
+        ensure!(
+            rows.len() == steps,
+            "{}: {} steps of {observable} where the measurement has {steps}",
+            self.source.display(),
+            rows.len()
+        );
+        let column = |of: fn(&Predicted) -> f64| rows.iter().map(|row| of(row)).collect();
+        Ok([column(|row| row.mean), column(|row| row.q05), column(|row| row.q95)])
+    }
 }
 
 /// The runs with the lowest misfit, or with the highest weight where the table has no misfit.

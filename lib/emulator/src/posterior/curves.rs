@@ -12,8 +12,7 @@ impl Inference {
     pub fn curves(&self, places: &[(String, usize, f64)]) -> Vec<Predicted> {
         let emulator = &self.surrogate.emulator;
         let curve = |x: &Vec<f64>| -> DVector<f64> {
-            let scores = DVector::from_vec(emulator.mean_scores(&self.space.coordinates(x)));
-            emulator.centre() + emulator.basis() * scores
+            emulator.curve(&emulator.mean_scores(&self.space.coordinates(x)))
         };
         let curves: Vec<DVector<f64>> = self.points.par_iter().map(curve).collect();
         let even = vec![1.0 / curves.len() as f64; curves.len()];

@@ -387,7 +387,7 @@ impl<'a> Likelihood<'a> {
 
     /// rᵀD⁻¹r and BᵀD⁻¹r of the residual itself, where the mean scores do not give it by a linear form.
     fn warped_gap(&self, mean: &[f64], noise: &NoiseAt) -> (f64, Vec<f64>) {
-        let curve = self.emulator.centre() + self.emulator.basis() * DVector::from_column_slice(mean);
+        let curve = self.emulator.curve(mean);
         let residual = self.measured.residual(curve.as_slice());
         let e: Vec<f64> = residual.iter().zip(&self.measured.noise).map(|(r, sd)| r / sd).collect();
         let (mut square, mut gap) = (0.0, vec![0.0; mean.len()]);

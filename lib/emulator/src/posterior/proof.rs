@@ -101,7 +101,7 @@ fn surprise(
     let (mean, variance) = emulator.predict_scores(&space.coordinates(x));
     let (outputs, k) = emulator.basis().shape();
     let pattern = measured.patterns(emulator);
-    let predicted = emulator.centre() + emulator.basis() * DVector::from_column_slice(&mean);
+    let predicted = emulator.curve(&mean);
     let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);
     let variance: Vec<f64> = variance.iter().map(|v| before.calibration * v).collect();

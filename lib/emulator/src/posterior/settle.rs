@@ -190,7 +190,7 @@ impl Sampler<'_> {
         // A noise that is smaller than stated would pass for a correlated one.
         let emulator = &self.surrogate.emulator;
         let scores = emulator.mean_scores(&self.space.coordinates(&points[0]));
-        let curve = emulator.centre() + emulator.basis() * nalgebra::DVector::from_vec(scores);
+        let curve = emulator.curve(&scores);
         let seen = noise::independent(&self.measured.residual(curve.as_slice()), self.measured);
         let is_fewer = |(j, seen): (usize, f64)| seen < self.measured.own(j).len() as f64;
         by_likelihood

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use anyhow::{Context, Result};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::samples::Samples;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::likelihood::Measured;
 use super::scatter::Scatter;
@@ -115,7 +115,7 @@ impl<'a> Ranked<'a> {
             .map(|(name, misfit)| {
                 let Some(&place) = index.get(name.as_str()) else { return *misfit };
                 let scores = emulator.mean_scores(&emulator.coordinates(&values[place]));
-                let curve = emulator.centre() + emulator.basis() * DVector::from_vec(scores);
+                let curve = emulator.curve(&scores);
                 measured.misfit(curve.as_slice())
             })
             .collect();

@@ -1,7 +1,6 @@
 //! What a point of the posterior says of each reading, given all the others.
 
 use gl_inference::loo::Given;
-use nalgebra::DVector;
 
 use super::{Likelihood, NoiseAt};
 use crate::cholesky::dot;
@@ -20,7 +19,7 @@ impl Likelihood<'_> {
         let measured = self.measured;
         let noise = self.noise_at(x);
         let (mean, variance) = self.emulator.predict_scores(&self.space.coordinates(x));
-        let curve = self.emulator.centre() + self.emulator.basis() * DVector::from_column_slice(&mean);
+        let curve = self.emulator.curve(&mean);
         let residual = measured.residual(curve.as_slice());
         let e: Vec<f64> = residual.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
         let k = mean.len();
@@ -86,7 +85,7 @@ mod tests {
     use gl_inference::prior::Prior;
     use gl_inference::samples::Samples;
     use gl_table::Table;
-    use nalgebra::DMatrix;
+    use nalgebra::{DMatrix, DVector};
 
     /// Two observables at five steps, runs that scatter, a noise that is correlated.
     #[test]
