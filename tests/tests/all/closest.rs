@@ -52,6 +52,10 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let report = folder.read("out/report.md");
     assert!(report.contains("`out/closest-base` and `out/closest-after-waving`"), "{report}");
     assert_eq!(report.matches("runs: closest fit").count(), 2);
+    // It is held against what was foretold.
+    let shrunk = |call: &&str| call.contains("gl-gap-shrink");
+    let calls = folder.read("out/commands.log");
+    assert!(calls.lines().find(shrunk).unwrap().contains("--foretold out/predicted-shrink.txt"), "{calls}");
     // Called again it has nothing to do.
     let calls = folder.read("out/commands.log");
     folder.run("gl-diagnose case --out out");

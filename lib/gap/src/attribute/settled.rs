@@ -21,7 +21,8 @@ pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
     if diagnosis.stated() < SETTLED || !diagnosis.leans.is_empty() || diagnosis.is_unproven() {
         false
     } else if first.is_cause() {
-        is_clear_of_unknown(diagnosis) && !base_fits(problem, diagnosis) && diagnosis.ignorance < UNSURE
+        let has_rival = diagnosis.confounded().is_some() || !is_clear_of_unknown(diagnosis);
+        !has_rival && !base_fits(problem, diagnosis) && diagnosis.ignorance < UNSURE
     } else if first.has_rest {
         may_close(diagnosis).is_none() && diagnosis.confounded().is_none()
     } else {
@@ -114,5 +115,16 @@ mod tests {
             may_close(&diagnosis).is_some()
         };
         assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));
+    }
+
+    #[test]
+    fn a_cause_that_cannot_be_told_from_another_one_is_not_settled() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        assert!(diagnosis.first().name == "wave" && is_settled(&problem, &diagnosis));
+        diagnosis.rows[0].confounded.push("offset(y)".to_owned());
+        assert!(!is_settled(&problem, &diagnosis));
     }
 }

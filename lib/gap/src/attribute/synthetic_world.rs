@@ -149,7 +149,7 @@ pub fn as_likely<const N: usize>(likely: [(&str, f64); N]) -> [Explanation; N] {
     let all = found(Straight::curve(1.3, 0.6, 0.8), 0.01);
     likely.map(|(name, probability)| {
         let of = all.iter().find(|of| of.name == name).unwrap().clone();
-        let ln_weight = probability.max(1e-6).ln();
+        let ln_weight = probability.max(1e-4).ln();
         Explanation { probability, ln_weight, fits: None, closes: 0.0, is_vague: false, ..of }
     })
 }

@@ -68,3 +68,39 @@ pub(super) fn add_lean(verdicts: &mut Verdicts, lean: &Lean, diagnosis: &Diagnos
         lean.hypothesis, lean.parameter
     ));
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::Straight;
+
+    /// Under which hypothesis something is beyond what was believed, where `wave` with a rest comes first and lies within it, and
+    /// `wave` alone has this probability and does not.
+    fn beyond(alone: f64) -> Option<String> {
+        let predictor = Straight::new();
+        let (prior, believed) = Straight::beyond(0.5, 1.1);
+        // 1.3 is in it.
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations).believing(&believed);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let explanations = &mut diagnosis.attribution.explanations;
+        explanations.sort_by_key(|of| (of.name != "wave+unexplained", of.name != "wave"));
+        // a = -3 + 8 of it.
+        explanations[0].evidence.samples.iter_mut().for_each(|sample| sample[0] = 0.5);
+        explanations[1].probability = alone;
+        let mut verdicts = Verdicts::default();
+        add_beyond(&mut verdicts, &problem, &diagnosis, (&believed, "params.txt"));
+        verdicts.find("beyond-prior").map(|said| said.text.clone())
+    }
+
+    #[test]
+    fn a_rest_that_makes_up_for_a_parameter_beyond_its_bound_is_looked_behind() {
+        let said = beyond(0.2).unwrap();
+        assert!(said.starts_with("under wave a is 1.3 ± 0.0"), "{said}");
+        assert!(said.contains("beyond its upper bound, 1.1 in params.txt"), "{said}");
+        assert_eq!(beyond(0.05), None);
+    }
+}

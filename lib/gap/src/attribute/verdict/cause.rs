@@ -185,8 +185,12 @@ fn add_effects(
     let (is_in, explains) = if is_settled { ("is", "explains") } else { ("may be", "may explain") };
     let text = if is_part {
         format!(
-            "{effects} {is_in} in it ({probability:.2}), but closes no more than {} % of the gap: something else, which is no candidate, makes most of it{}",
-            percent(first.closes),
+            "{effects} {is_in} in it ({probability:.2}), but closes {} of the gap: something else, which is no candidate, makes most of it{}",
+            if first.closes < LITTLE {
+                "hardly anything".to_owned()
+            } else {
+                format!("no more than {} %", percent(first.closes))
+            },
             rest::places(problem, first)
         )
     } else if first.has_rest {
