@@ -306,7 +306,14 @@ fn a_history_shows_every_parameter_and_the_filter() {
     for label in ["mu", "cv", "sigma", "ess", "ensemble error", "best error", "step", "iteration", "10⁰"] {
         assert!(has_text(&svg, label), "{label}");
     }
-    assert_eq!(count(&folder.svg("history --summary s0.txt"), "panel"), 5);
+    let of_weights = folder.svg("history --summary s0.txt");
+    assert_eq!(count(&of_weights, "panel"), 5);
+    // Draws through an emulator weigh all the same.
+    let emulated = format!("{}ignorance 0.3\n", folder.0.read("s0.txt"));
+    folder.0.write("emulated.txt", &emulated);
+    let of_draws = folder.svg("history --summary emulated.txt");
+    assert_eq!(count(&of_draws, "panel"), 5);
+    assert!(has_text(&of_draws, "ignorance") && !has_text(&of_draws, "ess") && has_text(&of_weights, "ess"));
 }
 
 #[test]

@@ -14,7 +14,7 @@ use gl_figure::figure::{Figure, Key};
 use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Color, Paint, Rect, Scene, color};
 
-/// Mean and spread of the parameters along the steps; sigma, ess and errors along the iterations
+/// Mean and spread of the parameters along the steps; sigma, ess (of an emulator: ignorance) and errors along the iterations
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 #[command(group(clap::ArgGroup::new("tables").args(["history", "summary"]).required(true).multiple(true)))]
@@ -159,11 +159,15 @@ fn along_iterations(tables: &[(&PathBuf, Summary)], parameters: &Parameters) -> 
     let iteration: Vec<f64> = (0..tables.len()).map(|i| i as f64).collect();
     let quantities =
         |name: &str| tables.iter().map(|table| quantity(table, name)).collect::<Result<Vec<_>>>();
+    // Draws through an emulator have weights that are all the same; what moves is what the emulator leaves open.
+    let is_emulated = tables.iter().all(|(_, summary)| summary.quantity("ignorance").is_some());
+    let of_posterior = if is_emulated { "ignorance" } else { "ess" };
     let mut numbers = Vec::new();
-    for name in ["sigma", "ess", "ensemble_error", "best_error"] {
+    for name in ["sigma", of_posterior, "ensemble_error", "best_error"] {
         let label = Label::new(name.replace('_', " "));
         let trend = Trend::new(&iteration, quantities(name)?, label, name, color::GREEN);
-        numbers.push(vec![if name == "sigma" { trend.wide() } else { trend.with_zero() }]);
+        let is_wide = matches!(name, "sigma" | "ignorance");
+        numbers.push(vec![if is_wide { trend.wide() } else { trend.with_zero() }]);
     }
     check_panels(&tables[0].0.display().to_string(), tables[0].1.parameters.len())?;
     let mut means = Vec::new();
