@@ -45,7 +45,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let kept = dir.path().join("hypotheses.tsv");
     weigh::weigh(dir.path()).unwrap();
     assert_eq!(said(&read(dir.path()).unwrap()), said(&cases));
-    // Had every effect closed nothing, none would be named, but where there is no gap to close.
+    // Had every effect closed nothing, none would be named, but where there is no gap to close, or by a form that no rest has.
     let table = Table::read(&kept).unwrap();
     let closes = table.format().column("closes").unwrap();
     let vague = table.format().column("vague").unwrap();
@@ -64,7 +64,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
         cases.iter().filter(|case| !matches!(case.first.as_str(), "none" | "unexplained")).count()
     };
     let all = read(dir.path()).unwrap();
-    assert!(named(&cases) >= 4 && named(&all) <= 2, "{all:#?}");
+    assert!(named(&cases) >= 5 && named(&all) <= 3, "{all:#?}");
 }
 
 #[test]
