@@ -15,6 +15,7 @@ pub mod forecast;
 pub mod lean;
 pub mod marginals;
 pub mod rest;
+pub mod rig;
 pub mod rules;
 pub mod told;
 pub mod untried;
@@ -27,6 +28,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::attribute::attribution::closure::closes;
+use crate::attribute::attribution::rig::of_the_rig;
 use crate::attribute::attribution::rules::rule_out;
 use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
@@ -77,7 +79,7 @@ pub struct Explanation {
     pub noise_scale: f64,
     /// Whether the emulator knows too little where it fits best to say how much it closes.
     pub is_vague: bool,
-    /// Whether its effects are errors of the measurement, and none of the simulation's.
+    /// Whether one of its effects is an error of the measurement, or does what such an error does.
     pub is_of_the_rig: bool,
 }
 
@@ -290,7 +292,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 closes: 0.0,
                 noise_scale: 1.0,
                 is_vague: false,
-                is_of_the_rig: !set.is_empty() && set.iter().all(|&of| problem.candidates[of].is_measured()),
+                is_of_the_rig: false,
                 hypothesis: set,
             })
         })
@@ -300,6 +302,10 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
     let whole = ln_sum_exp(&explanations.iter().map(|of| of.ln_weight).collect::<Vec<_>>());
     explanations.iter_mut().for_each(|of| of.ln_weight -= whole);
     look_closer(problem, &mut explanations)?;
+    let of_the_rig = of_the_rig(problem, &explanations);
+    for of in &mut explanations {
+        of.is_of_the_rig = of.hypothesis.iter().any(|&candidate| of_the_rig[candidate]);
+    }
     Ok(Attribution::by_rules(explanations))
 }
 
