@@ -57,7 +57,6 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let calls = folder.read("out/commands.log");
     assert!(calls.lines().find(shrunk).unwrap().contains("--foretold out/predicted-shrink.txt"), "{calls}");
     // Called again it has nothing to do.
-    let calls = folder.read("out/commands.log");
     folder.run("gl-diagnose case --out out");
     assert_eq!(folder.read("out/commands.log"), calls);
     // Runs that were made are told where the gap is not measured between their fits.

@@ -65,6 +65,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     };
     let all = read(dir.path()).unwrap();
     assert!(named(&cases) >= 5 && named(&all) <= 3, "{all:#?}");
+    assert!(all.iter().all(|case| !case.names_wrong()), "{all:#?}");
 }
 
 #[test]

@@ -25,6 +25,7 @@ use crate::attribute::problem::belief::Belief;
 use crate::attribute::problem::discrepancy::Smooth;
 use crate::attribute::problem::gaussian::{Filled, Level, Patterns};
 use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::predictor::Predictor;
 use crate::attribute::problem::test::Test;
 use crate::noise::scale;
@@ -208,6 +209,13 @@ impl<'a> Problem<'a> {
             self.observables[observable],
             test.path.told(&test.control_name, test.control_unit.as_deref(), steps)
         )
+    }
+
+    /// Apply an error of the measurement at a size to a curve, shape (readings,).
+    pub fn apply(&self, effect: &MeasurementEffect, size: f64, curve: &mut [f64]) {
+        let test = &self.tests[effect.test];
+        let ranges = &self.ranges[test.observables.clone()];
+        effect.apply(size, &test.path, ranges, &mut curve[test.readings.clone()]);
     }
 
     /// How much a reading counts in a gap over all of them, in which each observable counts alike: 1 where all have as

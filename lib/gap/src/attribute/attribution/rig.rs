@@ -1,5 +1,7 @@
 //! Which candidates do what an error of the measurement does.
 
+use nalgebra::DVector;
+
 use crate::attribute::attribution::Explanation;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
@@ -27,25 +29,22 @@ pub(super) fn of_the_rig(problem: &Problem<'_>, explanations: &[Explanation]) ->
 }
 
 fn adds_as_an_error_does(problem: &Problem<'_>, of: &Explanation) -> bool {
-    let weighed =
-        |curve: &[f64]| -> Vec<f64> { curve.iter().zip(&problem.units).map(|(y, u)| y / u).collect() };
+    let weighed = |curve: &[f64]| -> DVector<f64> {
+        DVector::from_iterator(curve.len(), curve.iter().zip(&problem.units).map(|(y, unit)| y / unit))
+    };
     let without: Vec<f64> = of.evidence.mean.iter().zip(&of.added).map(|(on, added)| on - added).collect();
-    let added = weighed(&of.added);
+    let (added, base) = (weighed(&of.added), weighed(&without));
     MeasurementEffect::of_tests(&PLAIN, &problem.observables, &problem.tests).iter().any(|effect| {
-        let test = &problem.tests[effect.test];
         let mut curve = without.clone();
-        let ranges = &problem.ranges[test.observables.clone()];
-        effect.apply(SIZE, &test.path, ranges, &mut curve[test.readings.clone()]);
-        let error: Vec<f64> = curve.iter().zip(&without).map(|(with, without)| with - without).collect();
-        square_of_cosine(&added, &weighed(&error)) > PARALLEL
+        problem.apply(effect, SIZE, &mut curve);
+        square_of_cosine(&added, &(weighed(&curve) - &base)) > PARALLEL
     })
 }
 
 /// Of the angle between two vectors; zero where one of them is.
-fn square_of_cosine(a: &[f64], b: &[f64]) -> f64 {
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let lengths = dot(a, a) * dot(b, b);
-    if lengths > 0.0 { dot(a, b).powi(2) / lengths } else { 0.0 }
+fn square_of_cosine(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+    let lengths = a.norm_squared() * b.norm_squared();
+    if lengths > 0.0 { a.dot(b).powi(2) / lengths } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -76,9 +75,11 @@ mod tests {
 
     #[test]
     fn what_is_in_proportion_is_parallel_and_what_is_nothing_is_not() {
-        let a = [1.0, 2.0, -2.0];
-        assert!((square_of_cosine(&a, &[-0.5, -1.0, 1.0]) - 1.0).abs() < 1e-12);
-        assert!((square_of_cosine(&a, &[3.0, 0.0, 0.0]) - 1.0 / 9.0).abs() < 1e-12);
-        assert_eq!(square_of_cosine(&a, &[0.0; 3]), 0.0);
+        let of = |b: [f64; 3]| {
+            square_of_cosine(&DVector::from_vec(vec![1.0, 2.0, -2.0]), &DVector::from(b.to_vec()))
+        };
+        assert!((of([-0.5, -1.0, 1.0]) - 1.0).abs() < 1e-12);
+        assert!((of([3.0, 0.0, 0.0]) - 1.0 / 9.0).abs() < 1e-12);
+        assert_eq!(of([0.0; 3]), 0.0);
     }
 }

@@ -80,9 +80,8 @@ impl Explanation {
     /// Whether it is a single effect beside a rest that is so far ahead of something unknown alone that it is in it, whatever else
     /// is: what is no candidate is not imitated like that, but by an error of the measurement that closes too little of it.
     fn is_far_ahead(&self, unknown: &Self) -> bool {
-        let is_single = self.has_rest && self.hypothesis.len() == 1;
         let is_imitated = self.is_of_the_rig && self.kept() == 0.0;
-        is_single && !is_imitated && self.ahead_of(unknown) > FAR_AHEAD
+        self.is_single_beside_a_rest() && !is_imitated && self.ahead_of(unknown) > FAR_AHEAD
     }
 
     /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead. An
@@ -108,8 +107,12 @@ impl Explanation {
 
     /// ln odds that it gains over something unknown alone, since it leaves hardly anything to it.
     fn gained(&self) -> f64 {
-        let is_single = self.has_rest && self.hypothesis.len() == 1;
-        if is_single && !self.is_vague { along(&CLOSES_NEARLY_ALL, self.closes) } else { 0.0 }
+        let gains = self.is_single_beside_a_rest() && !self.is_vague;
+        if gains { along(&CLOSES_NEARLY_ALL, self.closes) } else { 0.0 }
+    }
+
+    fn is_single_beside_a_rest(&self) -> bool {
+        self.has_rest && self.hypothesis.len() == 1
     }
 
     /// Share of its probability that is doubted, since it takes a noise that was not believed.

@@ -273,9 +273,7 @@ impl<'a> Model<'a> {
 
     fn measure(&self, mut curve: Vec<f64>, w: &[f64]) -> Vec<f64> {
         for (effect, &w) in self.measured.iter().zip(&w[self.free.len()..]) {
-            let test = &self.problem.tests[effect.test];
-            let ranges = &self.problem.ranges[test.observables.clone()];
-            effect.apply(effect.size(w), &test.path, ranges, &mut curve[test.readings.clone()]);
+            self.problem.apply(effect, effect.size(w), &mut curve);
         }
         curve
     }
