@@ -40,6 +40,8 @@ struct Weighed {
     invisible: bool,
     #[serde(serialize_with = "yes_no")]
     of_the_rig: bool,
+    #[serde(serialize_with = "number")]
+    beyond: f64,
     /// What was said of it.
     #[serde(serialize_with = "number")]
     probability: f64,
@@ -61,6 +63,7 @@ impl Weighed {
             vague: of.is_vague,
             invisible: of.ruled_out == Some(RuledOut::Invisible),
             of_the_rig: of.is_of_the_rig,
+            beyond: of.beyond,
             probability: of.probability,
         }
     }
@@ -94,6 +97,7 @@ impl Weighed {
             noise_scale: self.noise_scale,
             is_vague: self.vague,
             is_of_the_rig: self.of_the_rig,
+            beyond: self.beyond,
         })
     }
 }

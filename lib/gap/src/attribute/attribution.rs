@@ -81,6 +81,8 @@ pub struct Explanation {
     pub is_vague: bool,
     /// Whether one of its effects is an error of the measurement, or does what such an error does.
     pub is_of_the_rig: bool,
+    /// Probability under it that some parameter of the base model is beyond what was believed.
+    pub beyond: f64,
 }
 
 /// Why a hypothesis has no probability.
@@ -287,6 +289,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 is_behind,
                 outliers: model.outliers().to_vec(),
                 added: model.added(evidence.modes[0].w.as_slice()),
+                beyond: beyond(&model, &evidence),
                 evidence,
                 fits: None,
                 closes: 0.0,
@@ -307,6 +310,13 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         of.is_of_the_rig = of.hypothesis.iter().any(|&candidate| of_the_rig[candidate]);
     }
     Ok(Attribution::by_rules(explanations))
+}
+
+/// Probability that some parameter of the base model is beyond what was believed.
+fn beyond(model: &Model<'_>, evidence: &Evidence) -> f64 {
+    let samples = evidence.samples.iter().zip(&evidence.weights);
+    let beyond: f64 = samples.filter(|(w, _)| model.is_beyond(w)).map(|(_, weight)| weight).sum();
+    beyond.clamp(0.0, 1.0)
 }
 
 /// The most probable cause first: the same effects with a rest and without are one cause, and stand together.
@@ -426,6 +436,20 @@ mod tests {
         let (none, unknown) = (of("none"), of("unexplained"));
         let ln_odds = |of: &Explanation| of.ln_weight - of.evidence.ln;
         assert!((ln_odds(unknown) - ln_odds(none) - 5f64.ln()).abs() < 1e-9, "{explanations:?}");
+    }
+
+    #[test]
+    fn how_far_a_base_model_is_beyond_what_was_believed_is_known_of_each() {
+        let predictor = Straight::new();
+        let (prior, believed) = Straight::beyond(0.5, 1.1);
+        let beyond = |a: f64| {
+            let observations = Straight::measured(a, 0.6, 0.8, 0.01);
+            let problem = predictor.problem(&prior, &observations).believing(&believed);
+            let all = attribute(&problem, 1, 1).unwrap().explanations;
+            all.iter().find(|of| of.name == "wave").unwrap().beyond
+        };
+        assert!(beyond(1.3) > 0.99 && beyond(0.8) < 0.01);
+        assert!(found(Straight::curve(1.3, 0.6, 0.8), 0.01).iter().all(|of| of.beyond == 0.0));
     }
 
     #[test]

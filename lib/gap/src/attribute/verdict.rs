@@ -63,7 +63,7 @@ pub fn verdict(
     let ignorance = diagnosis.ignorance;
     if ignorance > IGNORANT && !diagnosis.is_unproven() {
         verdicts.add("emulator", ignorance, format!(
-            "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there, --next-out, would make the verdict sharper"
+            "at the best fit the emulator is uncertain by {ignorance:.1} times noise and scatter: further runs there (gl-gap-attribute --next-out) would make the verdict sharper"
         ));
     }
     unseen::add_untried(&mut verdicts, problem, diagnosis);

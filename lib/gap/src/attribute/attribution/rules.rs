@@ -1,5 +1,5 @@
 //! What evidence alone does not settle: the probability of hypotheses that do not fit, close little of the gap, leave much to
-//! something else, or take a noise that was not believed.
+//! something else, or take a noise or parameters that were not believed.
 //!
 //! A rule is a function that moves probability, in the order of [`rule_out`] and of the table in docs/design.md.
 
@@ -40,11 +40,16 @@ const CLOSES_NEARLY_ALL: [(f64, f64); 2] = [(0.7, 0.0), (0.8, 2.0)];
 /// The share of both that it has by that at the most: likelier than not, and not settled.
 const LIKELY: f64 = 0.75;
 
-/// Beyond so many ln odds something unknown alone is out of the question, after all that an effect beside a rest loses, however
-/// little of the gap it closes: a form that no rest has is in the measurement.
-const FAR_AHEAD: f64 = 12.0;
+/// What is kept of the probability of a single effect beside a rest at least, however little of the gap it closes, by the ln odds
+/// that it is ahead of something unknown alone after all that it loses: a form that no rest has is in the measurement.
+const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (12.0, 1.0)];
 
-/// What is kept of the probability of something unknown where the base model fits, and there is no sign of it.
+/// ln odds that answers lose to something unknown where they hold only beyond what was believed of the base model: one that may
+/// do what nobody believes it does takes up most of what is no candidate, and an effect the rest of it.
+const NOT_BELIEVED: f64 = 3.0;
+
+/// What is kept of the probability of something unknown where the base model fits as it was believed to be, and there is no sign
+/// of it.
 const WITHOUT_A_SIGN: f64 = 0.4;
 
 /// Share of the probability of the base model that goes to something unknown, by how much larger its noise is than what was
@@ -77,11 +82,17 @@ impl Explanation {
         if is_asked { along(&CLOSES, self.closes) } else { 1.0 }
     }
 
-    /// Whether it is a single effect beside a rest that is so far ahead of something unknown alone that it is in it, whatever else
-    /// is: what is no candidate is not imitated like that, but by an error of the measurement that closes too little of it.
-    fn is_far_ahead(&self, unknown: &Self) -> bool {
+    /// What is kept of the probability of a single effect beside a rest at least, since it is far ahead of something unknown alone.
+    /// What is no candidate is not imitated like that, but by an error of the measurement that closes too little of it.
+    fn kept_ahead_of(&self, unknown: &Self) -> f64 {
         let is_imitated = self.is_of_the_rig && self.kept() == 0.0;
-        self.is_single_beside_a_rest() && !is_imitated && self.ahead_of(unknown) > FAR_AHEAD
+        let is_asked = self.is_single_beside_a_rest() && !is_imitated;
+        if is_asked { along(&FAR_AHEAD, self.ahead_of(unknown)) } else { 0.0 }
+    }
+
+    /// Whether it is so far ahead of something unknown alone that it is in it, whatever else is.
+    fn is_far_ahead(&self, unknown: &Self) -> bool {
+        self.kept_ahead_of(unknown) >= 1.0
     }
 
     /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead. An
@@ -93,7 +104,7 @@ impl Explanation {
 
     /// ln odds by which it is ahead of something unknown alone, after what it loses.
     fn ahead_of(&self, unknown: &Self) -> f64 {
-        self.ln_weight - unknown.ln_weight - self.lost()
+        self.ln_believed() - unknown.ln_weight - self.lost()
     }
 
     /// ln odds that it loses, since its effects leave as much to something else as they do.
@@ -103,6 +114,16 @@ impl Explanation {
         } else {
             0.0
         }
+    }
+
+    /// ln odds that it loses to something unknown, since it holds beyond what was believed, as far as it does.
+    fn not_believed(&self) -> f64 {
+        -(self.beyond * (-NOT_BELIEVED).exp_m1()).ln_1p()
+    }
+
+    /// ln of its weight against something unknown, after what it loses to it.
+    fn ln_believed(&self) -> f64 {
+        self.ln_weight - self.not_believed()
     }
 
     /// ln odds that it gains over something unknown alone, since it leaves hardly anything to it.
@@ -128,12 +149,13 @@ pub(super) fn rule_out(all: &mut [Explanation]) {
     let Some(unknown) = place_of(all, &[], true) else { return };
     doubt_the_noise(all, unknown);
     // Where the base model fits there is nothing to close, and an effect may be in and not show.
-    if all.iter().any(|of| of.is_base() && of.fits_well()) {
-        all[unknown].probability *= WITHOUT_A_SIGN;
+    if let Some(base) = all.iter().find(|of| of.is_base() && of.fits_well()) {
+        all[unknown].probability *= base.beyond + (1.0 - base.beyond) * WITHOUT_A_SIGN;
     } else {
         take_from_what_explains_nothing(all);
     }
     take_from_what_leaves_much(all);
+    doubt_what_is_beyond(all, unknown);
     normalise(all);
     give_to_what_closes_nearly_all(all, unknown);
     give_what_is_not_closed_to_something_unknown(all, unknown);
@@ -187,6 +209,17 @@ fn take_from_what_leaves_much(all: &mut [Explanation]) {
     all.iter_mut().for_each(|of| of.probability *= (-of.lost()).exp());
 }
 
+/// What needs a base model that was not believed is likelier an imitation of something unknown. All that is known loses the
+/// same, so that no other effect gains by it.
+fn doubt_what_is_beyond(all: &mut [Explanation], unknown: usize) {
+    let known = |of: &&Explanation| !of.is_unknown();
+    let whole: f64 = all.iter().filter(known).map(|of| of.probability).sum();
+    let left: f64 = all.iter().filter(known).map(|of| of.probability * (-of.not_believed()).exp()).sum();
+    if left > 0.0 {
+        all[unknown].probability *= whole / left;
+    }
+}
+
 /// Something unknown loses to the effect beside a rest that is the likeliest by what it gains, and to it alone.
 fn give_to_what_closes_nearly_all(all: &mut [Explanation], unknown: usize) {
     let with_gain = |of: &Explanation| of.probability * of.gained().exp();
@@ -215,16 +248,17 @@ fn give_what_is_not_closed_to_something_unknown(all: &mut [Explanation], unknown
     places.sort_by_key(|&place| (Reverse(all[place].hypothesis.len()), all[place].has_rest));
     for place in places {
         let of = &all[place];
-        if !of.is_cause() || !of.may_have_rest() || of.is_far_ahead(&all[unknown]) {
+        if !of.is_cause() || !of.may_have_rest() {
             continue;
         }
-        let kept = of.kept();
+        let kept = of.kept().max(of.kept_ahead_of(&all[unknown]));
         let taken = of.probability * (1.0 - kept);
         let heir = heir(all, of, &all[unknown]).unwrap_or(unknown);
         let alone = place_of(all, &of.hypothesis, false);
         let alone = alone.filter(|&alone| of.has_rest && all[alone].probability > 0.0);
         let share = alone.map_or(0.0, |alone| {
-            all[alone].kept() * of_alone(all[alone].ln_weight, of.ln_weight, all[unknown].ln_weight)
+            let [alone, with_rest] = [&all[alone], of];
+            alone.kept() * of_alone(alone.ln_believed(), with_rest.ln_believed(), all[unknown].ln_weight)
         });
         if kept == 0.0 {
             all[place].ruled_out.get_or_insert(RuledOut::ClosesLittle);
@@ -320,16 +354,18 @@ mod tests {
         };
         let kept = |closes: f64| along(&CLOSES, closes);
         assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Two nats up to 0.35, six at a half, three at six tenths, none from seven on: four are too few at a half, and seventeen
-        // are enough.
+        // Two nats up to 0.35, six at a half, three at six tenths, none from seven on: four are too few at a half, and eleven are
+        // enough.
         for (ahead, closes) in [(2.0, 0.3), (4.0, 0.425), (6.0, 0.5), (3.0, 0.6), (0.0, 0.7)] {
             assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
         }
         assert!(probability(4.0, 0.5) < 0.1);
-        assert!((probability(17.0, 0.5) - kept(0.5)).abs() < 1e-4);
+        assert!((probability(11.0, 0.5) - kept(0.5)).abs() < 0.01);
         // What is far ahead is in it, however much else is.
         assert!((probability(30.0, 0.3) - 1.0).abs() < 1e-6 && (probability(15.0, 0.0) - 1.0).abs() < 1e-5);
-        assert_eq!(probability(13.0, 0.0), 0.0);
+        // Somewhat ahead it is likelier than not.
+        assert!((probability(10.0, 0.0) - 0.75).abs() < 1e-3);
+        assert_eq!(probability(8.0, 0.0), 0.0);
     }
 
     #[test]
@@ -411,11 +447,44 @@ mod tests {
     }
 
     #[test]
+    fn what_holds_only_beyond_what_was_believed_is_likelier_something_unknown_that_it_imitates() {
+        let odds = |beyond: [f64; 3]| {
+            let mut all = as_likely([("none", 0.0), ("wave", 0.6), ("offset(y)", 0.2), ("unexplained", 0.2)]);
+            all.iter_mut().skip(1).zip(beyond).for_each(|(of, beyond)| of.beyond = beyond);
+            doubt_what_is_beyond(&mut all, 3);
+            [all[1].probability / all[3].probability, all[2].probability / all[1].probability]
+        };
+        let e3 = (-3f64).exp();
+        // Whether something unknown is beyond, too, is nothing to it; no effect gains over another.
+        for (beyond, kept) in [
+            ([0.0, 0.0, 1.0], 1.0),
+            ([1.0, 1.0, 0.0], e3),
+            ([0.5, 0.5, 0.0], 0.5 + 0.5 * e3),
+            ([1.0, 0.0, 0.0], 0.25 + 0.75 * e3),
+        ] {
+            let [to_unknown, to_other] = odds(beyond);
+            assert!((to_unknown - 3.0 * kept).abs() < 1e-12, "{beyond:?}");
+            assert!((to_other - 1.0 / 3.0).abs() < 1e-12, "{beyond:?}");
+        }
+    }
+
+    #[test]
+    fn a_base_model_that_fits_only_beyond_what_was_believed_is_no_sign_that_nothing_is_unknown() {
+        let odds = |beyond: f64| {
+            let mut all = as_likely([("none", 0.5), ("unexplained", 0.5)]);
+            (all[0].fits, all[0].beyond, all[0].noise_scale) = (Some(0.5), beyond, 1.0);
+            rule_out(&mut all);
+            all[1].probability / all[0].probability
+        };
+        assert!((odds(0.0) - 0.4).abs() < 1e-12 && (odds(1.0) - 3f64.exp()).abs() < 1e-9);
+    }
+
+    #[test]
     fn what_leaves_the_gap_as_it_is_is_no_cause_unless_the_emulator_does_not_know_it() {
         // Nine times as likely as the base model, without a rest or beside one.
         let probability = |name: &str, closes: f64, is_vague: bool| {
             let mut all = as_likely([("none", 0.1), (name, 0.9), ("unexplained", 0.0)]);
-            (all[1].closes, all[1].is_vague) = (closes, is_vague);
+            (all[1].closes, all[1].is_vague, all[2].ln_weight) = (closes, is_vague, -5.0);
             rule_out(&mut all);
             assert!((all.iter().map(|of| of.probability).sum::<f64>() - 1.0).abs() < 1e-12);
             all[1].probability

@@ -36,6 +36,11 @@ impl Belief {
         (self.low, self.high)
     }
 
+    /// Whether a coordinate lies within the bounds that were believed.
+    pub fn holds(self, coordinate: f64) -> bool {
+        (self.low..=self.high).contains(&coordinate)
+    }
+
     /// The coordinate below which a share `u` in [0, 1] of the probability lies: even between the bounds that were
     /// believed, and even beyond them, where [`BEYOND`] of it is.
     pub fn coordinate(self, u: f64) -> f64 {

@@ -13,23 +13,25 @@ use crate::attribute::problem::Problem;
 use crate::attribute::problem::path::short;
 
 /// Parameters that are beyond what was believed of them with a probability of 0.95, under what comes first, or under the
-/// same effects with a rest or without: a rest makes up for an effect that a bound cuts off.
+/// same effects with a rest or without: a rest makes up for an effect that a bound cuts off. Where something unknown comes first,
+/// under any other that is alive: it may come first since they are beyond.
 pub(super) fn add_beyond(
     verdicts: &mut Verdicts,
     problem: &Problem<'_>,
     diagnosis: &Diagnosis,
     believed: (&Prior, &str),
 ) {
-    /// From this probability on the same effects otherwise are no outsider.
+    /// From this probability on another explanation is no outsider.
     const ALIVE: f64 = 0.1;
+    let explanations = &diagnosis.attribution.explanations;
     let first = diagnosis.first();
-    let is_alive = |of: &&Explanation| {
-        of.hypothesis == first.hypothesis && of.has_rest != first.has_rest && of.probability >= ALIVE
+    let is_asked = |of: &&Explanation| {
+        (of.hypothesis == first.hypothesis || first.is_unknown()) && of.probability >= ALIVE
     };
-    let other = diagnosis.attribution.explanations.iter().find(is_alive);
+    let others = explanations.iter().filter(|of| of.name != first.name).filter(is_asked);
     let (prior, source) = believed;
     let mut said = HashSet::new();
-    for of in [first].into_iter().chain(other) {
+    for of in [first].into_iter().chain(others) {
         for Marginal { name, mean, sd, low, high, .. } in marginals(problem, of) {
             let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
                 continue;
@@ -80,6 +82,10 @@ mod tests {
     /// Under which hypothesis something is beyond what was believed, where `wave` with a rest comes first and lies within it, and
     /// `wave` alone has this probability and does not.
     fn beyond(alone: f64) -> Option<String> {
+        beyond_beside("wave+unexplained", alone)
+    }
+
+    fn beyond_beside(first: &str, alone: f64) -> Option<String> {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(0.5, 1.1);
         // 1.3 is in it.
@@ -87,7 +93,7 @@ mod tests {
         let problem = predictor.problem(&prior, &observations).believing(&believed);
         let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
         let explanations = &mut diagnosis.attribution.explanations;
-        explanations.sort_by_key(|of| (of.name != "wave+unexplained", of.name != "wave"));
+        explanations.sort_by_key(|of| (of.name != first, of.name != "wave"));
         // a = -3 + 8 of it.
         explanations[0].evidence.samples.iter_mut().for_each(|sample| sample[0] = 0.5);
         explanations[1].probability = alone;
@@ -102,5 +108,12 @@ mod tests {
         assert!(said.starts_with("under wave a is 1.3 ± 0.0"), "{said}");
         assert!(said.contains("beyond its upper bound, 1.1 in params.txt"), "{said}");
         assert_eq!(beyond(0.05), None);
+    }
+
+    #[test]
+    fn behind_something_unknown_any_other_that_is_alive_is_looked_at() {
+        assert!(beyond_beside("unexplained", 0.2).is_some_and(|said| said.starts_with("under wave a is")));
+        assert_eq!(beyond_beside("unexplained", 0.05), None);
+        assert_eq!(beyond_beside("none", 0.2), None);
     }
 }

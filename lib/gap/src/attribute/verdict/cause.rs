@@ -78,7 +78,7 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     let first = diagnosis.stated();
     if let Some((of, Untried { ignorance, closes, .. })) = may_close(diagnosis) {
         verdicts.add("unsettled", UNEXPLAINED, format!(
-            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there, --next-out",
+            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there (gl-gap-attribute --next-out)",
             name(&of.hypothesis, &problem.candidates), percent(*closes)
         ));
         return;
@@ -159,7 +159,7 @@ fn add_unproven(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diag
         "{effects} comes first, probability {probability:.2}, but no run shows it: by what is known of it {left} % of the gap would be left"
     ));
     verdicts.add("untried", diagnosis.ignorance, format!(
-        "where {effects} fits best the emulator is uncertain by {:.1} times noise and scatter: further runs there, --next-out, would tell",
+        "where {effects} fits best the emulator is uncertain by {:.1} times noise and scatter: further runs there (gl-gap-attribute --next-out) would tell",
         diagnosis.ignorance
     ));
 }

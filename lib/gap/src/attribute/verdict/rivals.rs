@@ -112,7 +112,7 @@ fn add_effort(
         (1, runs) => (
             format!("runs={runs}"),
             format!(
-                "about {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+                "about {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, as large as they fit"
             ),
         ),
         (many, 0) => (
@@ -124,7 +124,7 @@ fn add_effort(
         (many, runs) => (
             format!("measurements={many},runs={runs}"),
             format!(
-                "the mean of about {many} measurements like this one, with {runs} further runs near the two, --next-out, would tell {pair}, as large as they fit"
+                "the mean of about {many} measurements like this one, with {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, as large as they fit"
             ),
         ),
     };

@@ -19,7 +19,7 @@ pub(super) fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagno
     names.sort();
     if !names.is_empty() && !diagnosis.is_unproven() {
         verdicts.add("untried", most, format!(
-            "the emulator knows too little of {} to rule them out: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there, --next-out, would tell",
+            "the emulator knows too little of {} to rule them out: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there (gl-gap-attribute --next-out) would tell",
             names.join(", ")
         ));
     }
