@@ -83,10 +83,9 @@ impl Explanation {
     }
 
     /// What is kept of the probability of a single effect beside a rest at least, since it is far ahead of something unknown alone.
-    /// What is no candidate is not imitated like that, but by an error of the measurement that closes too little of it.
+    /// What is no candidate is not imitated like that, but by an error of the measurement.
     fn kept_ahead_of(&self, unknown: &Self) -> f64 {
-        let is_imitated = self.is_of_the_rig && self.kept() == 0.0;
-        let is_asked = self.is_single_beside_a_rest() && !is_imitated;
+        let is_asked = self.is_single_beside_a_rest() && !self.is_of_the_rig;
         if is_asked { along(&FAR_AHEAD, self.ahead_of(unknown)) } else { 0.0 }
     }
 
@@ -366,6 +365,19 @@ mod tests {
         // Somewhat ahead it is likelier than not.
         assert!((probability(10.0, 0.0) - 0.75).abs() < 1e-3);
         assert_eq!(probability(8.0, 0.0), 0.0);
+    }
+
+    #[test]
+    fn an_error_of_the_measurement_that_is_far_ahead_must_close_as_much() {
+        let probability = |is_of_the_rig: bool| {
+            let mut all = as_likely([("none", 0.0), ("wave+unexplained", 1.0), ("unexplained", 0.0)]);
+            (all[1].closes, all[1].is_of_the_rig) = (0.85, is_of_the_rig);
+            (all[1].ln_weight, all[2].ln_weight) = (0.0, -30.0);
+            rule_out(&mut all);
+            all[1].probability
+        };
+        assert_eq!(probability(false), 1.0);
+        assert!((probability(true) - 0.5).abs() < 1e-12);
     }
 
     #[test]
