@@ -80,12 +80,12 @@ weights_of_the_runs_have_a_history_and_draws_a_prediction_of_each_reading() {
     with_everything_in made/report.html 6
     grep -q 'The weight of each run against each parameter' made/report.html
     same "$(grep -c 'gl-plot predictive' made/report.html)" 0
-    rm -r made case
-    with_calibration
+    rm -r made
+    gl-calibrate case num=20 iterations=3 --out made >log 2>&1
     gl-report case --out made >log
     grep -q 'The posterior is one of draws through an emulator of the runs' made/report.html
     grep -q -- '-w made/posterior-runs-weights.txt --posterior made/posterior-curves.txt made/ensemble.txt -o' made/report.html
-    grep -q 'gl-plot predictive -c u .* made/iter1/loo.txt -o' made/report.html
+    grep -q 'gl-plot predictive -c u .* made/iter2/loo.txt -o' made/report.html
     grep -qE '<li>[0-9]+ of 162 readings lie in the (90|50) % band that the others predict for them' made/report.html
 }
 
