@@ -289,7 +289,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 is_behind,
                 outliers: model.outliers().to_vec(),
                 added: model.added(evidence.modes[0].w.as_slice()),
-                beyond: beyond(&model, &evidence),
+                beyond: beyond(problem, &model, &evidence),
                 evidence,
                 fits: None,
                 closes: 0.0,
@@ -313,9 +313,18 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
 }
 
 /// Probability that some parameter of the base model is beyond what was believed.
-fn beyond(model: &Model<'_>, evidence: &Evidence) -> f64 {
+fn beyond(problem: &Problem<'_>, model: &Model<'_>, evidence: &Evidence) -> f64 {
+    let base = problem.prior.base().into_iter();
+    let believed: Vec<_> = base.filter_map(|j| Some((j, problem.beliefs[j]?))).collect();
+    if believed.is_empty() {
+        return 0.0;
+    }
+    let is_beyond = |w: &[f64]| {
+        let point = model.point(w);
+        believed.iter().any(|&(j, belief)| !belief.holds(point[j]))
+    };
     let samples = evidence.samples.iter().zip(&evidence.weights);
-    let beyond: f64 = samples.filter(|(w, _)| model.is_beyond(w)).map(|(_, weight)| weight).sum();
+    let beyond: f64 = samples.filter(|(w, _)| is_beyond(w)).map(|(_, weight)| weight).sum();
     beyond.clamp(0.0, 1.0)
 }
 

@@ -256,8 +256,8 @@ fn give_what_is_not_closed_to_something_unknown(all: &mut [Explanation], unknown
         let alone = place_of(all, &of.hypothesis, false);
         let alone = alone.filter(|&alone| of.has_rest && all[alone].probability > 0.0);
         let share = alone.map_or(0.0, |alone| {
-            let [alone, with_rest] = [&all[alone], of];
-            alone.kept() * of_alone(alone.ln_believed(), with_rest.ln_believed(), all[unknown].ln_weight)
+            let alone = &all[alone];
+            alone.kept() * of_alone(alone.ln_believed(), of.ln_believed(), all[unknown].ln_weight)
         });
         if kept == 0.0 {
             all[place].ruled_out.get_or_insert(RuledOut::ClosesLittle);

@@ -140,13 +140,6 @@ impl<'a> Model<'a> {
         self.mean(w).iter().zip(&off).map(|(on, off)| on - off).collect()
     }
 
-    /// Whether some parameter of the base model is beyond what was believed of it.
-    pub fn is_beyond(&self, w: &[f64]) -> bool {
-        let point = self.point(w);
-        let holds = |&j: &usize| self.problem.beliefs[j].is_none_or(|belief| belief.holds(point[j]));
-        !self.problem.prior.base().iter().all(holds)
-    }
-
     /// Readings that are taken to be far off, ascending.
     pub fn outliers(&self) -> &[usize] {
         &self.outliers

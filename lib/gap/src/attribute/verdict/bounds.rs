@@ -79,13 +79,9 @@ mod tests {
     use crate::attribute::diagnosis::diagnose;
     use crate::attribute::synthetic_world::Straight;
 
-    /// Under which hypothesis something is beyond what was believed, where `wave` with a rest comes first and lies within it, and
-    /// `wave` alone has this probability and does not.
-    fn beyond(alone: f64) -> Option<String> {
-        beyond_beside("wave+unexplained", alone)
-    }
-
-    fn beyond_beside(first: &str, alone: f64) -> Option<String> {
+    /// Under which hypothesis something is beyond what was believed, where this one comes first and lies within it, and `wave`
+    /// alone has this probability and does not.
+    fn beyond(first: &str, alone: f64) -> Option<String> {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(0.5, 1.1);
         // 1.3 is in it.
@@ -104,16 +100,16 @@ mod tests {
 
     #[test]
     fn a_rest_that_makes_up_for_a_parameter_beyond_its_bound_is_looked_behind() {
-        let said = beyond(0.2).unwrap();
+        let said = beyond("wave+unexplained", 0.2).unwrap();
         assert!(said.starts_with("under wave a is 1.3 ± 0.0"), "{said}");
         assert!(said.contains("beyond its upper bound, 1.1 in params.txt"), "{said}");
-        assert_eq!(beyond(0.05), None);
+        assert_eq!(beyond("wave+unexplained", 0.05), None);
     }
 
     #[test]
     fn behind_something_unknown_any_other_that_is_alive_is_looked_at() {
-        assert!(beyond_beside("unexplained", 0.2).is_some_and(|said| said.starts_with("under wave a is")));
-        assert_eq!(beyond_beside("unexplained", 0.05), None);
-        assert_eq!(beyond_beside("none", 0.2), None);
+        assert!(beyond("unexplained", 0.2).is_some_and(|said| said.starts_with("under wave a is")));
+        assert_eq!(beyond("unexplained", 0.05), None);
+        assert_eq!(beyond("none", 0.2), None);
     }
 }
