@@ -138,8 +138,8 @@ fn recalibrated(
     within: &[Within],
 ) -> Result<Descent> {
     let none = vec![0.0; own.problem().predictor.basis().ncols()];
-    let reach = Reach { steps: 12, inertia: 0.0 };
-    metric.with_covariance(at, &none, |covariance| descend(covariance, own, w, within, reach))?
+    let reach = Reach { steps: 25, inertia: 0.0 };
+    metric.with_covariance(at, &none, |covariance| descend(covariance, own, w, within, reach))
 }
 
 /// Predicted share of the gap that closes once the effects are in the simulation and it is calibrated

@@ -79,9 +79,8 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
     let variance = model.curve(w).variance;
     let within: Vec<Within> =
         model.simulated_parameters().iter().map(|&j| (j, -FURTHEST, 1.0 + FURTHEST)).collect();
-    let descent =
+    let Descent { point, fallen, .. } =
         model.with_covariance(w, &variance, |covariance| descend(covariance, &model, w, &within, REACH))?;
-    let Descent { point, fallen, .. } = descent?;
     let leans = model.meanings().into_iter().filter_map(|meaning| {
         let Meaning::Parameter(j) = meaning else { return None };
         let parameter = &problem.prior.parameters()[j];

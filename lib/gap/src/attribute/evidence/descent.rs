@@ -1,6 +1,5 @@
 //! Parameters of the simulation calibrated again within bounds, in the metric of a covariance that stays as it is.
 
-use anyhow::{Context, Result};
 use nalgebra::{Cholesky, DMatrix};
 
 use crate::attribute::evidence::model::Model;
@@ -29,23 +28,21 @@ pub struct Descent {
     pub fallen: f64,
 }
 
-/// Shares of a step that are tried: as far as it helps, since a long step beyond the runs is a guess.
-const SHARES: [f64; 4] = [1.0, 0.4, 0.15, 0.05];
+/// Dampings of a step (Marquardt's), the least that helps is taken: a long step beyond the runs is a guess, and what a bound cuts
+/// off may leave of it one that leads uphill.
+const DAMPINGS: [f64; 8] = [0.0, 0.1, 0.5, 2.0, 10.0, 50.0, 500.0, 5000.0];
 
 /// A fall of rᵀ Σ⁻¹ r below which there is nothing to gain.
 const LITTLE: f64 = 0.01;
 
-/// Gauss–Newton steps of the parameters that no bound holds, from where a model's parameters `w` are.
-///
-/// # Errors
-/// If the slopes of the curve are not finite.
+/// Levenberg–Marquardt steps of the parameters that no bound holds, from where a model's parameters `w` are.
 pub fn descend(
     covariance: &Filled<'_>,
     model: &Model<'_>,
     w: &[f64],
     within: &[Within],
     reach: Reach,
-) -> Result<Descent> {
+) -> Descent {
     let measured = |point: &[f64]| -> (DMatrix<f64>, f64) {
         let residual = model.residual(&model.measured_at(point, w));
         let residual = DMatrix::from_vec(residual.len(), 1, residual);
@@ -69,28 +66,52 @@ pub fn descend(
         if free.is_empty() {
             break;
         }
-        let mut information = slopes.tr_mul(&solved).select_columns(&free).select_rows(&free);
+        let uphill = uphill.select_rows(&free);
+        let information = slopes.tr_mul(&solved).select_columns(&free).select_rows(&free);
         let least = f64::MIN_POSITIVE.max(1e-9 * information.diagonal().max()).max(reach.inertia);
-        for k in 0..free.len() {
-            information[(k, k)] += least;
-        }
-        let factor = Cholesky::new(information).context("the slopes of the curve are not finite")?;
-        let step = factor.solve(&uphill.select_rows(&free));
-        let shorter = |share: f64| {
+        let damped = |damping: &f64| {
+            let more = information.diagonal().map(|of| least + damping * of);
+            let step = Cholesky::new(&information + DMatrix::from_diagonal(&more))?.solve(&uphill);
             let mut next = point.clone();
             for (&k, step) in free.iter().zip(step.iter()) {
                 let (j, low, high) = within[k];
-                next[j] = (next[j] + share * step).clamp(low, high);
+                next[j] = (next[j] + step).clamp(low, high);
             }
             let (there, value) = measured(&next);
             (value < square).then_some((next, there, value))
         };
-        let Some((next, there, value)) = SHARES.into_iter().find_map(shorter) else { break };
+        let Some((next, there, value)) = DAMPINGS.iter().find_map(damped) else { break };
         let fallen = square - value;
         (point, residual, square) = (next, there, value);
         if fallen < LITTLE {
             break;
         }
     }
-    Ok(Descent { point, residual, fallen: before - square })
+    Descent { point, residual, fallen: before - square }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn a_step_that_a_bound_cuts_off_does_not_end_the_descent() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        // 0 + 2 x from 1 + x: with a held above 0 b has to fall, and the step without bounds makes it rise.
+        let problem = predictor.problem(&prior, &Straight::observations(Straight::curve(0.0, 2.0, 0.0)));
+        let model = Model::new(&problem, &[], false);
+        let (w, none) = (vec![0.0; model.len()], vec![0.0; 3]);
+        let low = 0.5 - 1e-4;
+        let found = model.with_covariance(&w, &none, |covariance| {
+            let reach = Reach { steps: 25, inertia: 0.0 };
+            let both = descend(covariance, &model, &w, &[(0, low, 1.0), (1, 0.0, 1.0)], reach);
+            let held = descend(covariance, &model, &w, &[(0, low, low), (1, 0.0, 1.0)], reach);
+            (both.point, held.point)
+        });
+        let (both, held) = found.unwrap();
+        assert!(both[0] == low && (both[1] - held[1]).abs() < 1e-3 && both[1] < 0.49, "{both:?}: {held:?}");
+    }
 }
