@@ -33,16 +33,7 @@ pub fn parse<A: Parser>() -> A {
         let outcome = finish(&name, generate(&mut command, &what));
         process::exit(i32::from(outcome != ExitCode::SUCCESS) * 2);
     }
-    let arguments = A::try_parse().unwrap_or_else(|error| {
-        // A help text that goes nowhere.
-        match gl_table::print("") {
-            Err(closed) if !error.use_stderr() => {
-                note(A::command().get_name(), closed);
-                process::exit(2)
-            }
-            _ => error.exit(),
-        }
-    });
+    let arguments = A::parse();
     follow_driver();
     if let Some(line) = line::Line::on_terminal(A::command().get_name()) {
         gl_progress::watch(Box::new(line));

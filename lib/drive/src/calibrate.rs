@@ -57,8 +57,6 @@ pub fn from_one(text: &str) -> Result<usize> {
 /// # Errors
 /// If the case is wrong, or a step fails.
 pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Result<Progress> {
-    // What it cannot say it is to find out before the runs.
-    gl_table::print("")?;
     let case = request.load()?;
     let known = known.map(|folder| Known::new(&case, folder)).transpose()?;
     let (engine, model) = case.engine(request.engine)?;

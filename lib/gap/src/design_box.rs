@@ -1,7 +1,7 @@
-//! The box of base parameters that a design is drawn from.
+//! The box of base parameters that most runs of a design are drawn from.
 //!
 //! A prior that is wide beside what the measurement allows makes curves of which an emulator knows the details
-//! only roughly. So the design keeps to a box about what fits; it is made wider where a hypothesis leans on it.
+//! only roughly. So the design keeps to a box about what fits; it goes beyond the prior where a hypothesis leans on that.
 
 use std::collections::BTreeSet;
 
@@ -205,12 +205,22 @@ pub fn with_beyond(prior: &Prior, wider: &Prior) -> Result<Option<Prior>> {
     Ok(is_beyond.then(|| Prior::new(joined)))
 }
 
-/// Whether a box that was made wider lies further beyond the prior than it did, and not within it alone.
+/// A box that goes as far beyond a prior as a wider one does, on the sides where that does.
 ///
 /// # Errors
-/// If a parameter of the prior is not in one of them.
-pub fn goes_beyond(prior: &Prior, narrower: &Prior, wider: &Prior) -> Result<bool> {
-    Ok(with_beyond(prior, wider)? != with_beyond(prior, narrower)?)
+/// If a parameter of the box is not in one of them.
+pub fn reaching(narrow: &Prior, prior: &Prior, wider: &Prior) -> Result<Prior> {
+    let of = |prior: &Prior, name: &str| {
+        let found = prior.parameters().iter().find(|parameter| parameter.name == name).cloned();
+        found.with_context(|| format!("the box has a parameter {name}, which the prior has not"))
+    };
+    let reaching = |own: &Parameter| {
+        let (whole, wider) = (of(prior, &own.name)?, of(wider, &own.name)?);
+        let lower = if wider.lower < whole.lower { wider.lower } else { own.lower };
+        let upper = if wider.upper > whole.upper { wider.upper } else { own.upper };
+        Ok(Parameter { lower, upper, ..own.clone() })
+    };
+    Ok(Prior::new(narrow.parameters().iter().map(reaching).collect::<Result<_>>()?))
 }
 
 /// A parameter between two places on its own scale, inside its bounds.
@@ -286,7 +296,6 @@ mod tests {
         let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
         let wider = widen(&prior(PARAMS), &narrowed, &leans, Limit::Prior).unwrap().unwrap();
         has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
-        assert!(!goes_beyond(&prior(PARAMS), &narrowed, &wider).unwrap());
         let none = [lean("a", 0.0), lean("c", 1.0)];
         assert_eq!(widen(&prior(PARAMS), &narrowed, &none, Limit::Prior).unwrap(), None);
     }
@@ -299,7 +308,6 @@ mod tests {
             prior("name lower upper scale effect off\na 2 10 - - -\nb 1 10000 log - -\nc 0.5 1 - extra 0\n");
         let once = widen(&whole, &whole, &leans, Limit::Beyond).unwrap().unwrap();
         has_bounds(&once, [(1.0, 10.0), (1.0, 1e6), (0.5, 1.25)]);
-        assert!(goes_beyond(&whole, &whole, &once).unwrap());
         let twice = widen(&whole, &once, &leans, Limit::Beyond).unwrap().unwrap();
         has_bounds(&twice, [(0.5, 10.0), (1.0, 1e8), (0.5, 1.5)]);
         let more = widen(&whole, &twice, &leans[1..], Limit::Beyond).unwrap();
@@ -315,5 +323,18 @@ mod tests {
         let made = [&done[..], &[vec![3.0, 5e4, 1.0], vec![3.0, 6e4, 1.0]]].concat();
         let trimmed = within_runs(&whole, &once, &made, &done).unwrap();
         has_bounds(&trimmed, [(1.0, 10.0), (1.0, 2e4), (0.5, 1.25)]);
+    }
+
+    #[test]
+    fn a_box_reaches_as_far_beyond_the_prior_as_a_wider_one_and_stays_narrow_elsewhere() {
+        let of = |a: (f64, f64), b: (f64, f64)| {
+            prior(&format!("name lower upper\na {} {}\nb {} {}\n", a.0, a.1, b.0, b.1))
+        };
+        let (whole, own, wider) =
+            (of((0.0, 4.0), (0.0, 4.0)), of((1.0, 2.0), (1.0, 2.0)), of((0.0, 6.0), (0.0, 4.0)));
+        let bounds =
+            |prior: &Prior| prior.parameters().iter().map(|p| (p.lower, p.upper)).collect::<Vec<_>>();
+        assert_eq!(bounds(&reaching(&own, &whole, &wider).unwrap()), [(1.0, 6.0), (1.0, 2.0)]);
+        assert!(reaching(&own, &whole, &prior("name lower upper\na 0 6\n")).is_err());
     }
 }

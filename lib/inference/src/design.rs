@@ -13,8 +13,10 @@ use gl_numeric::sequence::{self, Method};
 pub enum Effects {
     /// None: every effect is off in every run.
     None,
-    /// Each is on or off, in every combination: what attribution wants.
+    /// Each is on or off, in every combination.
     Switch,
+    /// None, one or two of them are on: what attribution wants, whose hypotheses hold no more.
+    Pairs,
     /// These are on in every run, the others off.
     On(Vec<String>),
 }
@@ -50,11 +52,11 @@ pub fn batch_runs(parameters: usize) -> usize {
 pub fn varied(prior: &Prior, effects: &Effects) -> Result<Vec<usize>> {
     let on = match effects {
         Effects::None => Vec::new(),
-        Effects::Switch => prior.effects(),
+        Effects::Switch | Effects::Pairs => prior.effects(),
         Effects::On(names) => prior.select_effects(names)?,
     };
     ensure!(
-        *effects != Effects::Switch || !on.is_empty(),
+        !matches!(effects, Effects::Switch | Effects::Pairs) || !on.is_empty(),
         "no parameter belongs to an effect; name one in the column effect, with its value off"
     );
     let mut varied = prior.base();
@@ -67,7 +69,7 @@ pub fn varied(prior: &Prior, effects: &Effects) -> Result<Vec<usize>> {
 /// Draw `n` samples from the prior, shape (n, parameters); effects that are off stand at `off`.
 ///
 /// # Errors
-/// If an effect is named that there is not, nothing varies, or `n` is too small for a switch design.
+/// If an effect is named that there is not, nothing varies, or `n` is too small to switch effects on and off.
 pub fn draw(
     prior: &Prior,
     effects: &Effects,
@@ -88,13 +90,15 @@ pub fn draw(
             sample
         })
         .collect();
-    if *effects == Effects::Switch {
-        let effects = prior.effects();
-        let switches = switches(n, effects.len(), seed)?;
-        for (sample, on) in samples.iter_mut().zip(switches) {
-            for (effect, _) in effects.iter().zip(on).filter(|(_, on)| !on) {
-                switch_off(prior, effect, sample);
-            }
+    let all = prior.effects();
+    let switched = match effects {
+        Effects::Switch => switches(n, all.len(), seed)?,
+        Effects::Pairs => pairs(n, all.len(), seed)?,
+        Effects::None | Effects::On(_) => Vec::new(),
+    };
+    for (sample, on) in samples.iter_mut().zip(switched) {
+        for (effect, _) in all.iter().zip(on).filter(|(_, on)| !on) {
+            switch_off(prior, effect, sample);
         }
     }
     Ok(samples)
@@ -117,14 +121,10 @@ pub fn least_switched(effects: usize) -> usize {
 /// # Errors
 /// If `n` is too small to hold these.
 pub fn switches(n: usize, effects: usize, seed: u64) -> Result<Vec<Vec<bool>>> {
+    ensure_switched(n, effects)?;
     let none = n.div_ceil(6);
     let alone = (n / (6 * effects)).clamp(2, 8);
     let fixed = none + alone * effects;
-    ensure!(
-        fixed <= n,
-        "{n} samples are too few to switch {effects} effects on and off; draw at least {}",
-        least_switched(effects)
-    );
     let mixed = n - fixed;
     // The runs with none and with one effect lack some of the half that each effect is to be on in.
     let on = (n / 2).saturating_sub(alone).min(mixed);
@@ -144,6 +144,41 @@ pub fn switches(n: usize, effects: usize, seed: u64) -> Result<Vec<Vec<bool>>> {
     }
     rows.shuffle(&mut rng);
     Ok(rows)
+}
+
+/// Which effects are on in each of `n` runs, shape (n, effects): none in one run in six, a single one in half of the runs, two in the
+/// others; of many effects each combination of two as often as any.
+///
+/// With each in half of the runs (see [`switches`]) a design of seven effects has three to six of them in most of its runs, of which
+/// no hypothesis asks; where effects do not add up, such runs say little of one of them alone.
+///
+/// # Errors
+/// If `n` is too small to hold these.
+pub fn pairs(n: usize, effects: usize, seed: u64) -> Result<Vec<Vec<bool>>> {
+    ensure_switched(n, effects)?;
+    let none = n.div_ceil(6);
+    let two = if effects > 1 { (n / 3).min(n - none - 2 * effects) } else { 0 };
+    let one = n - none - two;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut couples: Vec<Vec<usize>> =
+        (0..effects).flat_map(|a| (a + 1..effects).map(move |b| vec![a, b])).collect();
+    couples.shuffle(&mut random);
+    let nothing = std::iter::repeat_n(Vec::new(), none);
+    let single = (0..effects).map(|effect| vec![effect]).cycle().take(one);
+    let mut sets: Vec<Vec<usize>> =
+        nothing.chain(single).chain(couples.into_iter().cycle().take(two)).collect();
+    sets.shuffle(&mut random);
+    Ok(sets.iter().map(|on| (0..effects).map(|effect| on.contains(&effect)).collect()).collect())
+}
+
+/// That so many samples are enough to switch effects on and off.
+fn ensure_switched(n: usize, effects: usize) -> Result<()> {
+    let least = least_switched(effects);
+    ensure!(
+        n >= least,
+        "{n} samples are too few to switch {effects} effects on and off; draw at least {least}"
+    );
+    Ok(())
 }
 
 #[cfg(test)]
@@ -171,6 +206,23 @@ mod tests {
                 assert!(on.abs_diff(n / 2) <= n / 6, "{n} {effects}: {on} on");
             }
         }
+        assert!(pairs(4, 3, 0).unwrap_err().to_string().contains("at least"));
         assert!(switches(4, 3, 0).unwrap_err().to_string().contains("at least"));
+    }
+
+    #[test]
+    fn pairs_hold_no_more_than_two_effects_and_each_of_them_as_often_as_the_others() {
+        for (n, effects) in [(240, 5), (110, 7), (60, 3), (20, 2), (12, 1), (least_switched(4), 4)] {
+            let rows = pairs(n, effects, 7).unwrap();
+            let of =
+                |count: usize| rows.iter().filter(move |row| row.iter().filter(|on| **on).count() == count);
+            assert_eq!(of(0).count() + of(1).count() + of(2).count(), n);
+            assert_eq!(of(0).count(), n.div_ceil(6));
+            let alone: Vec<usize> =
+                (0..effects).map(|effect| of(1).filter(|row| row[effect]).count()).collect();
+            let (least, most) = (alone.iter().min().unwrap(), alone.iter().max().unwrap());
+            assert!(*least >= 2 && most - least <= 1, "{n} {effects}: {alone:?}");
+            assert!(effects == 1 || of(2).count() > 0, "{n} {effects}");
+        }
     }
 }

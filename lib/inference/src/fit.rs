@@ -48,7 +48,7 @@ pub fn test(left: &[Vec<f64>], taken: usize) -> Fit {
         .map_or(1.0, |normal| 2.0 * normal.sf(beyond.abs() * (pairs as f64).sqrt()))
         .min(1.0);
     let smallest = of_square.min(of_correlation);
-    Fit { probability: 1.0 - (1.0 - smallest).powi(2), scatter: (square / freedom).sqrt(), correlation }
+    Fit { probability: smallest * (2.0 - smallest), scatter: (square / freedom).sqrt(), correlation }
 }
 
 /// Probability of a misfit at least as large as this sum of squares of so many independent readings.
@@ -98,5 +98,7 @@ mod tests {
         // scipy.stats.chi2.sf(30, 20) = 0.06985366069
         assert!((of_misfit(30.0, 20.0) - 0.069_853_660_69).abs() < 1e-9);
         assert!(of_misfit(120.0, 80.0) < BAD && of_misfit(100.0, 80.0) > BAD);
+        // scipy.stats.chi2.sf(488, 76) = 1.9855550686e-61
+        assert!((of_misfit(488.0, 76.0) / 1.985_555_068_6e-61 - 1.0).abs() < 1e-9);
     }
 }

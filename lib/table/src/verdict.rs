@@ -46,6 +46,7 @@ const DOUBTS: &[&str] = &[
     "confounded",
     "emulator",
     "untried",
+    "rival-untried",
     // of all that ask for the noise
     "noise-scale",
     "outliers",

@@ -240,7 +240,7 @@ impl Bench {
     ) -> Result<(Samples, Ensemble)> {
         let prior = self.prior_without(without);
         let count = runs_an_input * prior.parameters().len();
-        let values = design::draw(&prior, &Effects::Switch, Method::Halton, count, seed, true)?;
+        let values = design::draw(&prior, &Effects::Pairs, Method::Halton, count, seed, true)?;
         let design = self.run(&prior, values, scatter, 0, seed)?;
         ensure!(!design.1.is_empty(), "an empty design, or one of which every run fails");
         Ok(design)

@@ -13,10 +13,10 @@ use gl_gap::attribute::problem::hypothesis::Candidate;
 use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
 use gl_gap::attribute::problem::predictor::Predictor;
 use gl_gap::attribute::problem::simulation::Simulation;
-use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
+use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step};
 use gl_gap::attribute::settled::is_settled;
 use gl_gap::attribute::winner::cause;
-use gl_gap::design_box::{self, goes_beyond, widen};
+use gl_gap::design_box::{self, Limit, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
@@ -166,6 +166,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             probability: diagnosis.stated(),
             ignorance: diagnosis.least_known(),
             is_untried: !diagnosis.untried.is_empty(),
+            is_unsettled: !is_settled(&problem, &diagnosis),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         let is_settled = is_settled(&problem, &diagnosis);
@@ -181,18 +182,17 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             return Ok(found);
         }
         let leans: Vec<design_box::Pull> = found.diagnosis.leans.iter().map(design_box::Pull::from).collect();
-        let wider = widen(&shared.prior, &design.prior, &leans, course.limit())?;
-        let how_far = |wider: &Prior| -> Result<Wider> {
-            let is_beyond = goes_beyond(&shared.prior, &design.prior, wider)?;
-            Ok(if is_beyond { Wider::Beyond } else { Wider::Within })
+        let wider = if course.may_widen() {
+            widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?
+        } else {
+            None
         };
-        let how_far = wider.as_ref().map(how_far).transpose()?;
         let count = course.pointed();
-        let (prior, values) = match (course.next(now, how_far), wider) {
+        let (prior, values) = match (course.next(now, wider.is_some()), wider) {
             (Step::Widen, Some(wider)) => {
                 let seed = how.seed + round as u64;
                 let values =
-                    design::draw(&wider, &Effects::Switch, Method::Halton, rounds.wider(), seed, true)?;
+                    design::draw(&wider, &Effects::Pairs, Method::Halton, rounds.wider(), seed, true)?;
                 (wider, values)
             }
             (Step::Point | Step::Further, _) => {

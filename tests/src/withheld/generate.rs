@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use gl_gap::attribute::problem::hypothesis::hypotheses;
 use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
-use gl_gap::attribute::rounds::{WIDEST, Wider};
+use gl_gap::attribute::rounds::WIDEST;
 use gl_gap::design_box::{Limit, PULLED, Pull, widen};
 use gl_inference::observations::range;
 use gl_inference::prior::{Effect, Parameter, Prior};
@@ -450,7 +450,7 @@ fn beyond(parameters: &[Parameter]) -> Result<Vec<Parameter>> {
         .collect();
     let prior = Prior::new(parameters.to_vec());
     let mut wider = prior.clone();
-    for _ in 0..WIDEST[Wider::Beyond as usize] {
+    for _ in 0..WIDEST {
         wider = widen(&prior, &wider, &pulls, Limit::Beyond)?.unwrap_or(wider);
     }
     Ok(wider.parameters().to_vec())

@@ -335,7 +335,7 @@ fn the_self_check_finds_what_is_in_the_runs() {
 #[test]
 fn an_effect_that_no_run_has_on_is_named_with_the_command_that_makes_the_design() {
     let case = Case::new(40, &Effects::None, &[1.4, 0.9, 0.0], 0.0);
-    case.refused(&NOISE, &["bending", "on in no run", "gl-sample", "--effects switch"]);
+    case.refused(&NOISE, &["bending", "on in no run", "gl-sample", "--effects pairs"]);
 }
 
 #[test]

@@ -31,7 +31,7 @@ use gl_table::TableWriter;
 
 /// Say which effect, if any, explains the gap between a simulation and a measurement.
 ///
-/// The runs of a design in which effects are switched on and off (gl-sample --effects switch) train an
+/// The runs of a design in which effects are switched on and off (gl-sample --effects pairs) train an
 /// emulator. Every set of up to --max-effects effects is weighed against the measurement, and so is
 /// that something else is at work (unexplained).
 #[derive(Parser)]
@@ -127,7 +127,7 @@ const EXAMPLE: &str = "\
 Example (a line with a bend that the base model lacks):
   printf 'name lower upper effect off\\na 0 2 - -\\n' > params.txt
   printf 'bend 0.1 2 bending 0\\n' >> params.txt
-  gl-sample -p params.txt -n 60 --effects switch -o samples.txt
+  gl-sample -p params.txt -n 60 --effects pairs -o samples.txt
   awk 'BEGIN { print \"sample step x y\" }
     NR > 1 { for (i = 0; i < 20; i++)
       print $1, i, i, $3 * i + $4 * i * i / 20 }' samples.txt > runs.tsv

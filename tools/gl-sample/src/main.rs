@@ -43,8 +43,8 @@ struct Args {
     /// Threads a run, written as !OMP_NUM_THREADS for yade-batch
     #[arg(long, value_name = "T")]
     threads: Option<NonZeroUsize>,
-    /// Effects in the runs: none, switch (each on or off, for gl-gap-attribute), or names
-    #[arg(long, value_name = "none|switch|NAME,…", default_value = "none")]
+    /// Effects in the runs: none, pairs (none, one or two of them, for gl-gap-attribute), switch (each in half of the runs), or names
+    #[arg(long, value_name = "none|pairs|switch|NAME,…", default_value = "none")]
     effects: EffectsName,
     /// Where the samples go; stdout when absent
     #[arg(short, long, value_name = "FILE")]
@@ -86,6 +86,7 @@ impl From<&str> for EffectsName {
         Self(match text {
             "none" => Effects::None,
             "switch" => Effects::Switch,
+            "pairs" => Effects::Pairs,
             names => Effects::On(names.split(',').map(str::to_owned).collect()),
         })
     }

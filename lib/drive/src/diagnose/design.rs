@@ -1,8 +1,9 @@
-//! Runs in which every effect is on and off, and what they say of the gap.
+//! Runs in which effects are on and off, and what they say of the gap.
 //!
-//! The design draws the base parameters from a box about what fits best in `base`. Where a hypothesis that is not ruled
-//! out leans on the box, it is made wider on that side and further runs are made, three times within the prior and twice beyond it
-//! at the most: a truth that the prior excludes would else be explained by whatever imitates it. The rounds after that are
+//! The first round draws the base parameters from a box about what fits best in `base`, some from the whole prior, and of the
+//! whole prior its runs are asked: an effect moves the base parameters that fit, out of the box, too. Where a hypothesis that is not ruled out
+//! leans on the prior, the box goes beyond it on that side and further runs are made, twice at the most: a truth that the
+//! prior excludes would else be explained by whatever imitates it. The rounds after that are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
 //! first of them that says what the one before did is the last. Where `design_num` is absent, a design that would end with effects
 //! of which too little is known goes on.
@@ -14,8 +15,8 @@ use anyhow::Result;
 use gl_case::Test;
 use gl_case::folders::BASE;
 use gl_gap::attribute::problem::path::short;
-use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step, Wider};
-use gl_gap::design_box::{Limit, goes_beyond, with_beyond, within_runs};
+use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step};
+use gl_gap::design_box::{reaching, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
 use gl_inference::prior::{Parameter, Prior};
@@ -31,8 +32,14 @@ use crate::calibrate::iteration::{collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, units, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
-/// The wider box of a round, beside its own.
-const WIDER_BOX: &str = "wider.txt";
+/// What the runs of a round are asked of: the prior, with the bounds of the box where it lies beyond them.
+const PRIOR: &str = "prior.txt";
+
+/// The same, wider, where a hypothesis leans on it.
+const WIDER: &str = "wider.txt";
+
+/// One in so many runs of the first round is drawn from the whole prior, where those are enough for all effects.
+const WIDE: usize = 3;
 
 impl Diagnosis<'_> {
     /// Run the design round by round, and attribute the gap by all of it.
@@ -53,7 +60,8 @@ impl Diagnosis<'_> {
             round.attribute(course.pointed())?;
             let standing = round.standing()?;
             gl_cli::note("gl-diagnose", format!("design: {}", round.told(&standing)?));
-            match course.next(standing, self.wider(&round.folder, course.limit())?) {
+            let leans = course.may_widen() && self.leans(&round.folder)?;
+            match course.next(standing, leans) {
                 Step::End => {
                     if course.unused() > 0 {
                         gl_cli::note(
@@ -67,18 +75,15 @@ impl Diagnosis<'_> {
                     return self.conclude(&round.folder);
                 }
                 Step::Widen => {
-                    let [own, next] =
-                        ["params.txt", WIDER_BOX].map(|box_of| Prior::read(&round.file(box_of)));
+                    let [own, next] = [PRIOR, WIDER].map(|of| Prior::read(&round.file(of)));
                     gl_cli::note(
                         "gl-diagnose",
                         format!(
-                            "a hypothesis leans on the box of the base parameters, which is made wider: {}",
+                            "a hypothesis leans on the prior, which runs go beyond: {}",
                             moved(&own?, &next?)
                         ),
                     );
-                    let next = self.round(number + 1);
-                    make_folder(&next)?;
-                    copy(&round.file(WIDER_BOX), &next.join("params.txt"))?;
+                    self.widen(&round.folder, number + 1)?;
                 }
                 step => {
                     if step == Step::Further {
@@ -111,23 +116,28 @@ impl Diagnosis<'_> {
         self.file(&format!("design/round{number}"))
     }
 
-    /// How far the box of a round would be made wider, where a hypothesis leans on it; the wider one is beside it then.
-    fn wider(&self, round: &Path, limit: Limit) -> Result<Option<Wider>> {
-        let wider = round.join(WIDER_BOX);
+    /// The box of the next round is that of this one, as far out as the wider prior goes. Where it has samples it stays.
+    fn widen(&self, round: &Path, number: usize) -> Result<()> {
+        let next = self.round(number);
+        if next.join("samples.txt").exists() {
+            return Ok(());
+        }
+        make_folder(&next)?;
+        let [prior, own, wider] = [self.case.params(), round.join("params.txt"), round.join(WIDER)]
+            .map(|table| Prior::read(&table));
+        reaching(&own?, &prior?, &wider?)?.write(Some(&next.join("params.txt")))
+    }
+
+    /// Whether a hypothesis leans on the prior of a round; the wider one is beside it then.
+    fn leans(&self, round: &Path) -> Result<bool> {
         let call = Call::new("gl-box")
             .arg("widen")
             .flag("-p", self.case.params())
-            .flag("--box", round.join("params.txt"))
-            .args((limit == Limit::Beyond).then_some("--beyond"))
-            .flag("-o", &wider)
+            .flag("--box", round.join(PRIOR))
+            .arg("--beyond")
+            .flag("-o", round.join(WIDER))
             .arg(round.join("posterior.txt"));
-        if self.runner.call(&call, Messages::Shown)? == 1 {
-            return Ok(None);
-        }
-        let [prior, own, next] =
-            [self.case.params(), round.join("params.txt"), wider].map(|table| Prior::read(&table));
-        let is_beyond = goes_beyond(&prior?, &own?, &next?)?;
-        Ok(Some(if is_beyond { Wider::Beyond } else { Wider::Within }))
+        Ok(self.runner.call(&call, Messages::Shown)? != 1)
     }
 
     /// What the last round says is the attribution; its words come last, so that they stand for all of it.
@@ -141,7 +151,7 @@ impl Diagnosis<'_> {
             let ensemble = of_test_or_none("ensemble", test, "");
             copy(&round.join(format!("all-{ensemble}")), &design.join(ensemble))?;
         }
-        copy(&round.join("params.txt"), &self.file("design/params.txt"))?;
+        copy(&round.join(PRIOR), &self.file("design/params.txt"))?;
         for table in [
             "effects.txt",
             FORETOLD,
@@ -155,7 +165,7 @@ impl Diagnosis<'_> {
                 copy(&round.join(table), &self.file(table))?;
             }
         }
-        self.keep_wider_prior(&round.join("params.txt"))?;
+        self.keep_wider_prior(&round.join(PRIOR))?;
         renew(&round.join("attribution.txt"), &self.file("attribution.txt"))?;
         show(&self.file("attribution.log"), 0);
         Ok(Progress::Finished)
@@ -225,6 +235,12 @@ impl Round<'_> {
         there.exists().then(|| Ok(Samples::read(&there)?.len())).transpose()
     }
 
+    /// What its runs are asked of: the prior, with the bounds of the box where it lies beyond them.
+    fn prior(&self) -> Result<Prior> {
+        let prior = Prior::read(&self.diagnosis.case.params())?;
+        Ok(with_beyond(&prior, &Prior::read(&self.file("params.txt"))?)?.unwrap_or(prior))
+    }
+
     /// What it says.
     fn standing(&self) -> Result<Standing> {
         let [attribution, verdict] =
@@ -250,7 +266,7 @@ impl Round<'_> {
         self.diagnosis.runner.must(&call, Messages::Shown)
     }
 
-    /// Switch effects on and off all over the box. The samples of a round that the one before pointed to are there
+    /// Switch effects on and off all over the box, and in some runs all over the prior. The samples of a round that the one before pointed to are there
     /// already.
     fn sample(&self) -> Result<()> {
         let (target, params) = (self.file("samples.txt"), self.file("params.txt"));
@@ -265,18 +281,29 @@ impl Round<'_> {
             rounds.wider()
         };
         let effects = Prior::read(&params)?.effects();
-        let num = num.max(least_switched(effects.len()));
-        let call = Call::new("gl-sample")
-            .flag("-p", params)
-            .option("-n", Some(num))
-            // All candidates may be errors of the rig.
-            .option("--effects", Some("switch").filter(|_| !effects.is_empty()))
-            .option("--threads", case.threads)
-            .option("--seed", Some(case.seed + self.number as u64))
-            .flag("--name", format!("{}-design", case.name))
-            .option("--iteration", Some(self.number))
-            .flag("-o", target);
-        self.diagnosis.runner.must(&call, Messages::Shown)
+        let least = least_switched(effects.len());
+        let num = num.max(least);
+        let draw = |from: &Path, num: usize, name: &str, to: &Path| {
+            let call = Call::new("gl-sample")
+                .flag("-p", from)
+                .option("-n", Some(num))
+                // All candidates may be errors of the rig.
+                .option("--effects", Some("pairs").filter(|_| !effects.is_empty()))
+                .option("--threads", case.threads)
+                .option("--seed", Some(case.seed + self.number as u64))
+                .flag("--name", format!("{}-{name}", case.name))
+                .option("--iteration", Some(self.number))
+                .flag("-o", to);
+            self.diagnosis.runner.must(&call, Messages::Shown)
+        };
+        let far = num / WIDE;
+        if self.number > 0 || far < least {
+            return draw(&params, num, "design", &target);
+        }
+        let parts = ["near.txt", "far.txt"].map(|part| self.file(part));
+        draw(&params, num - far, "design", &parts[0])?;
+        draw(&case.params(), far, "wide", &parts[1])?;
+        join(&parts, &target, None)
     }
 
     fn run(&self) -> Result<bool> {
@@ -315,7 +342,7 @@ impl Round<'_> {
         Ok(true)
     }
 
-    /// The tables of all rounds so far, and of the runs of the base model that lie in the box: there every effect is off.
+    /// The tables of all rounds so far, and of the runs of the base model: there every effect is off.
     fn gather(&self) -> Result<()> {
         let tests = &self.diagnosis.case.tests;
         let folders = self.folders(true);
@@ -330,7 +357,7 @@ impl Round<'_> {
         if is_done {
             return Ok(());
         }
-        let wanted = self.in_box(&folders)?;
+        let wanted = self.within(&self.prior()?, &folders)?;
         let put = |tables: &[PathBuf], column: &'static str, to: &Path| {
             let wanted = Wanted { column, is_wanted: &|name| wanted.contains(name) };
             join(tables, to, Some(&wanted))
@@ -358,9 +385,8 @@ impl Round<'_> {
         iterations.chain(rounds).collect()
     }
 
-    /// Names of the samples in these folders that are of the design, or of the base model and in its box.
-    fn in_box(&self, folders: &[PathBuf]) -> Result<BTreeSet<String>> {
-        let own = Prior::read(&self.file("params.txt"))?;
+    /// Names of the samples in these folders that are of the design, or of the base model and within these bounds.
+    fn within(&self, own: &Prior, folders: &[PathBuf]) -> Result<BTreeSet<String>> {
         let design = self.diagnosis.file("design");
         let mut wanted = BTreeSet::new();
         for folder in folders {
@@ -431,8 +457,9 @@ impl Round<'_> {
         if is_current(&target, &all)? {
             return Ok(());
         }
-        let call = Call::new("gl-gap-attribute").flag("-p", self.file("params.txt"));
-        let call = call.flag("--prior", case.params());
+        let prior = self.file(PRIOR);
+        self.prior()?.write(Some(&prior))?;
+        let call = Call::new("gl-gap-attribute").flag("-p", prior).flag("--prior", case.params());
         let call = measured(call.flag("-s", self.file("all-samples.txt")), case, Which::Compared)
             .option("--measurement", list(&case.measurement))
             .option("--max-effects", case.max_effects)
@@ -469,7 +496,7 @@ impl Diagnosis<'_> {
             return Ok(0);
         }
         let first = Round { diagnosis: self, number: 0, folder: self.round(0) };
-        let there = first.in_box(&first.folders(false))?;
+        let there = first.within(&Prior::read(&first.file("params.txt"))?, &first.folders(false))?;
         Ok(there.len().min(rounds.first() * 2 / 5))
     }
 

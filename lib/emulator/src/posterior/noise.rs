@@ -64,7 +64,7 @@ impl ChiSquare {
     /// * `taken` — parameters that the measurement decides.
     pub fn new(fit: Fit, readings: usize, taken: f64) -> Self {
         let degrees = (readings as f64 - taken).max(1.0);
-        let p = ChiSquared::new(degrees).map_or(1.0, |law| 1.0 - law.cdf(fit.square));
+        let p = ChiSquared::new(degrees).map_or(1.0, |law| law.sf(fit.square));
         Self { value: fit.square, degrees, p }
     }
 

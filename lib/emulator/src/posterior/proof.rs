@@ -75,7 +75,7 @@ pub fn prove(
     }
     squares.sort_by(f64::total_cmp);
     let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
-    let p = ChiSquared::new(degrees).map_or(1.0, |law| 1.0 - law.cdf(total));
+    let p = ChiSquared::new(degrees).map_or(1.0, |law| law.sf(total));
     let scatter = size_of_scatter(before, measured);
     Ok(Some(Proof { runs, z: (total / degrees).sqrt(), p, error: median, scatter }))
 }

@@ -34,7 +34,7 @@ pub fn candidates(
     for effect in &effects {
         let on = runs.iter().filter(|run| prior.is_on(effect, run)).count();
         let design = format!(
-            "make the design with `gl-sample -p params.txt -n {} --effects switch` and run it",
+            "make the design with `gl-sample -p params.txt -n {} --effects pairs` and run it",
             25 * prior.parameters().len()
         );
         ensure!(on > 0, "{}: the effect {} is on in no run; {design}", ensemble.source, effect.name);
@@ -102,7 +102,8 @@ pub struct Diagnosis {
     pub leans: Vec<Lean>,
     /// What the emulator does not know where the first explanation fits best, in units of noise and scatter.
     pub ignorance: f64,
-    /// Effects that are not to be ruled out yet, or not to be called the cause, since the emulator knows too little of them.
+    /// Effects that are not to be ruled out yet, or not to be called the cause where they come first, since the emulator knows too
+    /// little of them.
     pub untried: Vec<Untried>,
 }
 
@@ -125,7 +126,7 @@ impl Diagnosis {
 
     /// Whether effects come first of which the emulator knows too little to call them the cause.
     pub fn is_unproven(&self) -> bool {
-        self.first().is_cause() && !self.untried.is_empty()
+        self.first().is_cause() && self.untried.iter().any(|of| of.place == 0)
     }
 
     /// The most that the emulator does not know where the first explanation fits best, or an untried effect, in units of

@@ -7,9 +7,9 @@
 use anyhow::Result;
 use gl_table::Table;
 
+use crate::attribute::attribution::UNEXPLAINED;
 use crate::attribute::attribution::untried::KNOWN;
 use crate::attribute::winner::most_probable;
-use crate::design_box::Limit;
 
 /// The sizes of rounds, as shares of all runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,9 +25,8 @@ const POINTED: usize = 3;
 /// the design may have.
 const FURTHER: usize = 2;
 
-/// The box is made wider so often at the most: within the prior, and beyond it. Twice its own width make a quarter of the
-/// prior's all of it; not every parameter leans on the box at once.
-pub const WIDEST: [usize; 2] = [3, 2];
+/// Runs go beyond the prior so often at the most, each time further.
+pub const WIDEST: usize = 2;
 
 impl Rounds {
     /// Runs of the first round, all over the box: two fifths.
@@ -42,7 +41,7 @@ impl Rounds {
 
     /// Runs of all rounds in wider boxes, at the most.
     pub fn most_wider(self) -> usize {
-        WIDEST.iter().sum::<usize>() * self.wider()
+        WIDEST * self.wider()
     }
 
     /// Runs of all further rounds, at the most.
@@ -72,6 +71,8 @@ pub struct Standing {
     pub ignorance: f64,
     /// Whether effects are left of which the emulator knows too little to rule them out.
     pub is_untried: bool,
+    /// Whether what comes first is said with reserve.
+    pub is_unsettled: bool,
 }
 
 /// From this probability on a cause stands out.
@@ -89,9 +90,10 @@ impl Standing {
             let rows = (0..verdict.len()).filter(move |row| verdict.field(*row, code) == wanted);
             rows.filter_map(|row| verdict.field(row, value).parse().ok()).reduce(f64::max)
         };
-        let (emulator, untried) = (said("emulator"), said("untried"));
+        let (emulator, untried) = (said("emulator"), said("untried").or(said("rival-untried")));
         let ignorance = emulator.into_iter().chain(untried).fold(0.0, f64::max);
-        Ok(Self { cause, probability, ignorance, is_untried: untried.is_some() })
+        let is_unsettled = (0..verdict.len()).any(|row| verdict.field(row, code) == "unsettled");
+        Ok(Self { cause, probability, ignorance, is_untried: untried.is_some(), is_unsettled })
     }
 
     /// Whether further runs are to be made after so many pointed rounds, where all runs are made that a design has by
@@ -100,12 +102,14 @@ impl Standing {
         self.is_untried && pointed < POINTED + FURTHER
     }
 
-    /// Whether it is what the round before said, and stands out in both.
+    /// Whether it is what the round before said, and stands out in both. That something unknown is at work is said without
+    /// reserve, too: further runs may show what it is.
     fn is_settled_since(&self, before: &Self) -> bool {
         self.cause == before.cause
             && self.probability >= SHARP
             && before.probability >= SHARP
             && self.ignorance <= KNOWN
+            && !(self.is_unsettled && self.cause == UNEXPLAINED)
     }
 }
 
@@ -122,15 +126,6 @@ pub enum Step {
     End,
 }
 
-/// How far a box that a hypothesis leans on would be made wider.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wider {
-    /// Within the prior.
-    Within,
-    /// Beyond it.
-    Beyond,
-}
-
 /// The way of a design from round to round.
 #[derive(Clone, Debug)]
 pub struct Course {
@@ -139,8 +134,8 @@ pub struct Course {
     before: Option<Standing>,
     /// Pointed rounds so far.
     pointed: usize,
-    /// How often the box was made wider, within the prior and beyond it.
-    widened: [usize; 2],
+    /// How often runs have gone beyond the prior.
+    widened: usize,
     is_wider: bool,
     /// Runs that are left of those that were asked for, in wider boxes not counted; nothing where their number is not given.
     left: Option<usize>,
@@ -150,7 +145,7 @@ impl Course {
     /// The way of a design of these rounds; `asked` is the number of its runs where that is given, and not to be exceeded
     /// but in wider boxes.
     pub fn new(rounds: Rounds, asked: Option<usize>) -> Self {
-        Self { rounds, before: None, pointed: 0, widened: [0; 2], is_wider: false, left: asked }
+        Self { rounds, before: None, pointed: 0, widened: 0, is_wider: false, left: asked }
     }
 
     /// A round of so many runs is made.
@@ -174,21 +169,19 @@ impl Course {
         self.left.unwrap_or(0)
     }
 
-    /// How far the box may grow: where it has gone beyond the prior often enough it may still be too narrow within.
-    pub fn limit(&self) -> Limit {
-        let beyond = Wider::Beyond as usize;
-        if self.widened[beyond] < WIDEST[beyond] { Limit::Beyond } else { Limit::Prior }
+    /// Whether runs may still go beyond the prior.
+    pub fn may_widen(&self) -> bool {
+        self.widened < WIDEST
     }
 
-    /// What follows a round that says this, and after which the box would be made wider so far, if at all.
+    /// What follows a round that says this, after which a hypothesis leans on the prior or none does.
     ///
     /// A round in a wider box shows the cause anew, but has no runs where the hypotheses put the parameters: it settles
     /// nothing before a pointed round was made.
-    pub fn next(&mut self, now: Standing, wider: Option<Wider>) -> Step {
-        let wider = wider.filter(|&wider| self.widened[wider as usize] < WIDEST[wider as usize]);
-        self.is_wider = wider.is_some();
-        if let Some(wider) = wider {
-            self.widened[wider as usize] += 1;
+    pub fn next(&mut self, now: Standing, leans: bool) -> Step {
+        self.is_wider = leans && self.may_widen();
+        if self.is_wider {
+            self.widened += 1;
             self.before = self.before.take().and(Some(now));
             return Step::Widen;
         }
@@ -229,24 +222,26 @@ mod tests {
         };
         let known = of("emulator\t0.7\tuncertain\n");
         let unknown = of("emulator\t0.7\tuncertain\nuntried\t1.6\ttoo little\n");
-        assert_eq!([known.ignorance, unknown.ignorance], [0.7, 1.6]);
+        let rival = of("emulator\t0.7\tuncertain\nrival-untried\t1.4\ttoo little\n");
+        assert_eq!([known.ignorance, unknown.ignorance, rival.ignorance], [0.7, 1.6, 1.4]);
+        assert!(rival.is_untried);
         assert!(!known.asks_for_further(POINTED));
         let asked: Vec<usize> = (POINTED..9).filter(|pointed| unknown.asks_for_further(*pointed)).collect();
         assert_eq!(asked, [POINTED, POINTED + 1]);
     }
 
     fn of(cause: &str, probability: f64, ignorance: f64) -> Standing {
-        Standing { cause: cause.into(), probability, ignorance, is_untried: false }
+        Standing { cause: cause.into(), probability, ignorance, is_untried: false, is_unsettled: false }
     }
 
     /// What follows rounds that say this, the box leant on in the first of them.
-    fn steps(asked: Option<usize>, said: &[(Standing, Option<Wider>)]) -> Vec<Step> {
+    fn steps(asked: Option<usize>, said: &[(Standing, bool)]) -> Vec<Step> {
         let mut course = Course::new(Rounds { all: 100 }, asked);
         let mut runs = 40;
-        let step = |(now, wider): &(Standing, Option<Wider>)| {
+        let step = |(now, leans): &(Standing, bool)| {
             course.made(runs);
             runs = course.pointed();
-            course.next(now.clone(), *wider)
+            course.next(now.clone(), *leans)
         };
         said.iter().map(step).collect()
     }
@@ -254,8 +249,8 @@ mod tests {
     #[test]
     fn a_wider_box_settles_what_was_said_where_the_hypotheses_point_and_not_before() {
         let (sharp, other) = (of("adhesion", 0.97, 0.6), of("damping", 0.97, 0.6));
-        let leant = |now: &Standing| (now.clone(), Some(Wider::Beyond));
-        let plain = |now: &Standing| (now.clone(), None);
+        let leant = |now: &Standing| (now.clone(), true);
+        let plain = |now: &Standing| (now.clone(), false);
         let (widen, point, end) = (Step::Widen, Step::Point, Step::End);
         // No run was made where the hypotheses point.
         assert_eq!(steps(None, &[leant(&sharp), plain(&sharp), plain(&sharp)]), [widen, point, end]);
@@ -266,35 +261,19 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_made_wider_three_times_within_the_prior_and_twice_beyond_it() {
+    fn runs_go_beyond_the_prior_twice() {
         let now = of("adhesion", 0.5, 0.6);
-        let said: Vec<(Standing, Option<Wider>)> = [Wider::Within, Wider::Beyond]
-            .iter()
-            .flat_map(|wider| vec![(now.clone(), Some(*wider)); 4])
-            .collect();
         let (widen, point) = (Step::Widen, Step::Point);
-        assert_eq!(steps(None, &said), [widen, widen, widen, point, widen, widen, point, point]);
-    }
-
-    #[test]
-    fn a_box_that_has_gone_beyond_the_prior_often_enough_still_grows_within() {
-        let mut course = Course::new(Rounds { all: 100 }, None);
-        let now = of("adhesion", 0.5, 0.6);
-        for _ in 0..WIDEST[Wider::Beyond as usize] {
-            assert_eq!(course.limit(), Limit::Beyond);
-            assert_eq!(course.next(now.clone(), Some(Wider::Beyond)), Step::Widen);
-        }
-        assert_eq!(course.limit(), Limit::Prior);
-        assert_eq!(course.next(now, Some(Wider::Within)), Step::Widen);
+        assert_eq!(steps(None, &vec![(now, true); 4]), [widen, widen, point, point]);
     }
 
     #[test]
     fn a_design_ends_with_its_rounds_and_goes_on_where_effects_are_untried_and_no_number_is_given() {
         let (point, end) = (Step::Point, Step::End);
-        let doubtful = (of("adhesion", 0.5, 0.6), None);
+        let doubtful = (of("adhesion", 0.5, 0.6), false);
         assert_eq!(steps(None, &vec![doubtful.clone(); 4]), [point, point, point, end]);
         assert_eq!(steps(Some(100), &vec![doubtful.clone(); 4]), [point, point, point, end]);
-        let untried = (Standing { is_untried: true, ..doubtful.0.clone() }, None);
+        let untried = (Standing { is_untried: true, ..doubtful.0.clone() }, false);
         let all = [point, point, point, Step::Further, Step::Further, end];
         assert_eq!(steps(None, &vec![untried.clone(); 6]), all);
         assert_eq!(steps(Some(100), &vec![untried.clone(); 4]), [point, point, point, end]);
@@ -307,18 +286,18 @@ mod tests {
         let mut course = Course::new(Rounds { all: 100 }, Some(120));
         let doubtful = of("adhesion", 0.5, 0.6);
         course.made(40);
-        assert_eq!(course.next(doubtful.clone(), Some(Wider::Within)), Step::Widen);
+        assert_eq!(course.next(doubtful.clone(), true), Step::Widen);
         course.made(20);
         let made: Vec<usize> = (0..4)
             .map(|_| {
                 let runs = course.pointed();
-                course.next(doubtful.clone(), None);
+                course.next(doubtful.clone(), false);
                 course.made(runs);
                 runs
             })
             .collect();
         assert_eq!(made, [10, 20, 30, 20]);
-        assert_eq!(course.next(doubtful, None), Step::End);
+        assert_eq!(course.next(doubtful, false), Step::End);
     }
 
     #[test]
@@ -328,5 +307,9 @@ mod tests {
         assert!(!now.is_settled_since(&of("damping", 0.96, 0.6)));
         assert!(!now.is_settled_since(&of("adhesion", 0.9, 0.6)));
         assert!(!of("adhesion", 0.97, 1.6).is_settled_since(&now));
+        let unsettled = |cause: &str| Standing { is_unsettled: true, ..of(cause, 0.97, 0.6) };
+        assert!(unsettled("adhesion").is_settled_since(&now));
+        let unknown = of("unexplained", 0.97, 0.6);
+        assert!(unknown.is_settled_since(&unknown) && !unsettled("unexplained").is_settled_since(&unknown));
     }
 }

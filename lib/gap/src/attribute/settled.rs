@@ -21,7 +21,8 @@ pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
     if diagnosis.stated() < SETTLED || !diagnosis.leans.is_empty() || diagnosis.is_unproven() {
         false
     } else if first.is_cause() {
-        let has_rival = diagnosis.confounded().is_some() || !is_clear_of_unknown(diagnosis);
+        let is_tried = diagnosis.untried.is_empty();
+        let has_rival = !is_tried || diagnosis.confounded().is_some() || !is_clear_of_unknown(diagnosis);
         !has_rival && !base_fits(problem, diagnosis) && diagnosis.ignorance < UNSURE
     } else if first.has_rest {
         may_close(diagnosis).is_none() && diagnosis.confounded().is_none()
@@ -35,11 +36,13 @@ pub fn is_clear_of_unknown(diagnosis: &Diagnosis) -> bool {
     diagnosis.attribution.unknown().is_none_or(|unknown| diagnosis.first().is_clear_of(unknown))
 }
 
-/// Whether the base model fits as well as what comes first, so that nothing has to be explained.
+/// Whether the base model fits as well as what comes first, so that nothing has to be explained: not by a larger noise, nor by
+/// calling more readings far off.
 pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
-    let base = diagnosis.attribution.base();
+    let (base, first) = (diagnosis.attribution.base(), diagnosis.first());
     base.fits.is_some_and(|fits| fits > FITS)
-        && !needs_more_noise(problem, base, diagnosis.first())
+        && !needs_more_noise(problem, base, first)
+        && base.outliers.len() <= first.outliers.len()
         && ignorance(problem, base) <= KNOWN
 }
 

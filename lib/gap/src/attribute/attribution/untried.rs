@@ -9,7 +9,7 @@ use crate::attribute::attribution::{Explanation, MOST, RuledOut};
 use crate::attribute::evidence::mode::{Mode, find};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::hypothesis::{Candidate, is_part};
 
 /// An effect of the simulation, where it fits best.
 #[derive(Clone, Debug)]
@@ -30,18 +30,19 @@ pub const KNOWN: f64 = 1.0;
 /// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
 const OF_WHAT_IS_LEFT: f64 = 0.25;
 
-/// So many times what the emulator does not know, with noise and scatter, may be left where its mean fits best.
-const WITHIN: f64 = 2.0;
+/// So much of the gap a rival of effects that come first would have to close.
+const RIVALS: f64 = 0.8;
 
-/// Single effects of which the emulator knows too little, where something unknown comes first, in the order of the
-/// explanations: none of the candidates explains a measurement only if all have been tried. A vague emulator makes
+/// Single effects of which the emulator knows too little, in the order of the explanations. Where something unknown comes first,
+/// none of the candidates explains a measurement only if all have been tried; where effects do, no other is ruled out
+/// that has not been tried and might do as well. A vague emulator makes
 /// a measurement improbable under the very effect that is in it, and what is improbable gets no runs. Where it is vague the
 /// effect may even fit worse than elsewhere, as a weak one that closes little: so it is asked, too, where its mean would fit
 /// best, whatever it does not know.
 pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untried> {
-    if !explanations.first().is_some_and(Explanation::is_unknown) {
+    let Some(first) = explanations.first().filter(|first| !first.is_base()) else {
         return Vec::new();
-    }
+    };
     let is_single = |of: &Explanation| match of.hypothesis.as_slice() {
         [candidate] => matches!(problem.candidates[*candidate], Candidate::Simulated(_)),
         _ => false,
@@ -50,19 +51,25 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
         let twin = explanations.iter().find(|o| o.hypothesis == of.hypothesis && o.has_rest != of.has_rest);
         twin.is_none_or(|twin| (of.ln_weight, of.has_rest) > (twin.ln_weight, twin.has_rest))
     };
-    let is_asked =
-        |of: &Explanation| is_single(of) && is_better(of) && of.ruled_out != Some(RuledOut::Invisible);
+    let is_rival = |of: &Explanation| !is_part(&of.hypothesis, &first.hypothesis);
+    let is_asked = |of: &Explanation| {
+        is_single(of) && is_better(of) && is_rival(of) && of.ruled_out != Some(RuledOut::Invisible)
+    };
     let asked: Vec<(usize, &Explanation)> =
         explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
-    let is_asked_elsewhere = |of: &Explanation| !of.is_vague && !of.closes_most();
+    let is_asked_elsewhere = |of: &Explanation| first.is_cause() || !of.is_vague && !of.closes_most();
     let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
     let base = if is_base_needed { nearest(problem, &[]) } else { None };
     let untried = |(place, of): (usize, &Explanation)| {
-        if of.is_vague {
+        if of.is_vague && !first.is_cause() {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
-        base.as_ref().filter(|_| is_asked_elsewhere(of)).and_then(|base| elsewhere(problem, place, of, base))
+        let found = base
+            .as_ref()
+            .filter(|_| is_asked_elsewhere(of))
+            .and_then(|base| elsewhere(problem, place, of, base));
+        found.filter(|found| !first.is_cause() || found.closes > RIVALS)
     };
     asked.into_par_iter().filter_map(untried).collect()
 }
@@ -73,8 +80,7 @@ fn nearest(problem: &Problem<'_>, hypothesis: &[usize]) -> Option<Mode> {
     find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1)).into_iter().next()
 }
 
-/// An effect where the emulator's mean would fit best, if it would close most of the gap there as far as is known, which
-/// is too little.
+/// An effect where the emulator's mean would fit best, if too little is known there to say what it leaves.
 ///
 /// * `base` — where the base model's mean would.
 fn elsewhere(problem: &Problem<'_>, place: usize, of: &Explanation, base: &Mode) -> Option<Untried> {
@@ -84,8 +90,8 @@ fn elsewhere(problem: &Problem<'_>, place: usize, of: &Explanation, base: &Mode)
     let after = left_at(problem, of, &model, mode.w.as_slice());
     let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
     let closes = 1.0 - left(before, after, 1.0);
-    let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after) && after < WITHIN * ignorance.hypot(1.0);
-    (is_open && closes >= MOST).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
+    let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after);
+    is_open.then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
 }
 
 /// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
@@ -140,6 +146,7 @@ mod tests {
 
     use super::*;
     use crate::attribute::attribution::attribute;
+    use crate::attribute::diagnosis::diagnose;
     use crate::attribute::next_runs::next_runs;
     use crate::attribute::synthetic_world::{STEPS, Straight};
 
@@ -170,6 +177,30 @@ mod tests {
         assert!(runs >= 40, "{runs}");
         let (of_a_cause, _) = of(2.5e-3, 0.0, false);
         assert!(of_a_cause.is_empty(), "{of_a_cause:?}");
+    }
+
+    #[test]
+    fn a_rival_is_tried_before_another_effect_is_called_the_cause() {
+        let prior = Straight::prior();
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let found = |variance: f64, strength: f64| {
+            let predictor = Straight::unsure(variance);
+            let observations = Straight::measured(1.3, 0.6, strength, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            explanations.sort_by_key(|of| of.name != "offset(y)");
+            let untried = untried(&problem, &explanations);
+            untried.iter().map(|of| explanations[of.place].name.clone()).collect::<Vec<_>>()
+        };
+        let rivals = found(2.5e-3, 0.8);
+        assert!(rivals.len() == 1 && rivals[0].starts_with("wave"), "{rivals:?}");
+        assert_eq!(found(1e-8, 0.8), Vec::<String>::new(), "what is known is ruled out by what it leaves");
+        let predictor = Straight::unsure(2.5e-3);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| of.name != "offset(y)");
+        diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
+        assert!(!diagnosis.is_unproven(), "the rival is not what comes first");
     }
 
     #[test]

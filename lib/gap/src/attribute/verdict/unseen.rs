@@ -10,19 +10,26 @@ use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::name;
 use crate::attribute::problem::path::short;
 
-/// Effects that nothing can be said of yet, though something unknown comes first.
+/// Effects that nothing can be said of yet, where something unknown comes first, or other effects.
 pub(super) fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
     let (untried, explanations) = (&diagnosis.untried, &diagnosis.attribution.explanations);
-    let most = untried.iter().map(|of| of.ignorance).fold(0.0, f64::max);
+    let rivals = || untried.iter().filter(|of| of.place > 0 || !diagnosis.first().is_cause());
+    let most = rivals().map(|of| of.ignorance).fold(0.0, f64::max);
     let mut names: Vec<String> =
-        untried.iter().map(|of| name(&explanations[of.place].hypothesis, &problem.candidates)).collect();
+        rivals().map(|of| name(&explanations[of.place].hypothesis, &problem.candidates)).collect();
     names.sort();
-    if !names.is_empty() && !diagnosis.is_unproven() {
-        verdicts.add("untried", most, format!(
-            "the emulator knows too little of {} to rule them out: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there (gl-gap-attribute --next-out) would tell",
-            names.join(", ")
-        ));
+    if names.is_empty() {
+        return;
     }
+    let (code, other) = if diagnosis.first().is_cause() {
+        ("rival-untried", "to say that none of them would do as well")
+    } else {
+        ("untried", "to rule them out")
+    };
+    verdicts.add(code, most, format!(
+        "the emulator knows too little of {} {other}: where they fit best it is uncertain by up to {most:.1} times noise and scatter; further runs there (gl-gap-attribute --next-out) would tell",
+        names.join(", ")
+    ));
 }
 
 /// How large each effect may be where none is needed, or something unknown comes first that it may lie beside.
