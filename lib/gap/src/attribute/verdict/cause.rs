@@ -7,7 +7,7 @@ use gl_table::verdict::Verdicts;
 use super::{LITTLE, percent, rest};
 use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::untried::Untried;
-use crate::attribute::attribution::{Explanation, UNEXPLAINED};
+use crate::attribute::attribution::{Explanation, MOST, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
@@ -77,9 +77,14 @@ fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosi
 fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
     let first = diagnosis.stated();
     if let Some((of, Untried { ignorance, closes, .. })) = may_close(diagnosis) {
+        let does = if *closes < MOST {
+            "the measurement is as likely".to_owned()
+        } else {
+            format!("{} % of the gap would close", percent(*closes))
+        };
         verdicts.add("unsettled", UNEXPLAINED, format!(
-            "something else seems to be at work, probability {first:.2}; but {} would close {} % of the gap where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there (gl-gap-attribute --next-out)",
-            name(&of.hypothesis, &problem.candidates), percent(*closes)
+            "something else seems to be at work, probability {first:.2}; but {does} with {} where it fits best, and there the emulator is uncertain by {ignorance:.1} times noise and scatter: neither is settled before runs are made there (gl-gap-attribute --next-out)",
+            name(&of.hypothesis, &problem.candidates)
         ));
         return;
     }
@@ -259,7 +264,7 @@ mod tests {
     #[test]
     fn something_unknown_is_not_settled_beside_an_effect_that_would_close_most_and_is_not_known() {
         let said = said_of_something_unknown(0.99, 2.5e-3);
-        assert!(said.contains("but wave would close") && said.contains("neither is settled"), "{said}");
+        assert!(said.contains("of the gap would close with wave") && said.contains("neither is settled"), "{said}");
         let said = said_of_something_unknown(0.99, 1e-8);
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
         let said = said_of_something_unknown(0.6, 1e-8);
