@@ -107,7 +107,7 @@ impl Plan<'_> {
                 most => format!(", and up to {most} more where something unknown is beside the cause"),
             };
             let text = format!(
-                "a diagnosis takes two calibrations and {} runs more: up to {all}{}, and {} more where its box proves too narrow, with another calibration where the prior does{further}{closest}: {} at the most",
+                "a diagnosis takes two calibrations and {} runs more: up to {all}{}, and {} more where the prior proves too narrow, with another calibration{further}{closest}: {} at the most",
                 design.all,
                 in_tests(self.case),
                 design.most_wider(),

@@ -211,8 +211,8 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     let said = folder.run("gl-check case");
     assert!(
         said.contains(
-            "a diagnosis takes two calibrations and 50 runs more: up to 114, each in 2 tests, and 50 more where its box proves too narrow, \
-             with another calibration where the prior does, and up to 64 more where something unknown is beside the cause: 260 at the most"
+            "a diagnosis takes two calibrations and 50 runs more: up to 114, each in 2 tests, and 20 more where the prior proves too \
+             narrow, with another calibration, and up to 64 more where something unknown is beside the cause: 230 at the most"
         ),
         "{said}"
     );

@@ -264,7 +264,10 @@ mod tests {
     #[test]
     fn something_unknown_is_not_settled_beside_an_effect_that_would_close_most_and_is_not_known() {
         let said = said_of_something_unknown(0.99, 2.5e-3);
-        assert!(said.contains("of the gap would close with wave") && said.contains("neither is settled"), "{said}");
+        assert!(
+            said.contains("of the gap would close with wave") && said.contains("neither is settled"),
+            "{said}"
+        );
         let said = said_of_something_unknown(0.99, 1e-8);
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
         let said = said_of_something_unknown(0.6, 1e-8);
