@@ -30,12 +30,9 @@ pub const KNOWN: f64 = 1.0;
 /// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
 const OF_WHAT_IS_LEFT: f64 = 0.25;
 
-/// So much of the gap a rival of effects that come first would have to close.
-const RIVALS: f64 = 0.8;
-
 /// Single effects of which the emulator knows too little, in the order of the explanations. Where something unknown comes first,
 /// none of the candidates explains a measurement only if all have been tried; where effects do, no other is ruled out
-/// that has not been tried and might do as well. A vague emulator makes
+/// that has not been tried. A vague emulator makes
 /// a measurement improbable under the very effect that is in it, and what is improbable gets no runs. Where it is vague the
 /// effect may even fit worse than elsewhere, as a weak one that closes little: so it is asked, too, where its mean would fit
 /// best, whatever it does not know.
@@ -57,19 +54,15 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     };
     let asked: Vec<(usize, &Explanation)> =
         explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
-    let is_asked_elsewhere = |of: &Explanation| first.is_cause() || !of.is_vague && !of.closes_most();
+    let is_asked_elsewhere = |of: &Explanation| !of.is_vague && !of.closes_most();
     let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
     let base = if is_base_needed { nearest(problem, &[]) } else { None };
     let untried = |(place, of): (usize, &Explanation)| {
-        if of.is_vague && !first.is_cause() {
+        if of.is_vague {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
-        let found = base
-            .as_ref()
-            .filter(|_| is_asked_elsewhere(of))
-            .and_then(|base| elsewhere(problem, place, of, base));
-        found.filter(|found| !first.is_cause() || found.closes > RIVALS)
+        base.as_ref().filter(|_| is_asked_elsewhere(of)).and_then(|base| elsewhere(problem, place, of, base))
     };
     asked.into_par_iter().filter_map(untried).collect()
 }
