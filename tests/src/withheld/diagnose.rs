@@ -161,15 +161,15 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let base = diagnosis.attribution.base();
         let closes = named.map(|named| shrink(&problem, base, named, how.seed)).transpose()?;
+        let is_settled = is_settled(&problem, &diagnosis);
         let standing = Standing {
             cause: cause(&diagnosis.first().name).to_owned(),
             probability: diagnosis.stated(),
             ignorance: diagnosis.least_known(),
             is_untried: !diagnosis.untried.is_empty(),
-            is_unsettled: !is_settled(&problem, &diagnosis),
+            is_unsettled: !is_settled,
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
-        let is_settled = is_settled(&problem, &diagnosis);
         let runs = design.ensemble.len();
         Ok((Verdict { diagnosis, is_settled, closes, is_wider, runs }, standing))
     };

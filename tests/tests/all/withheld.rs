@@ -64,7 +64,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
         cases.iter().filter(|case| !matches!(case.first.as_str(), "none" | "unexplained")).count()
     };
     let all = read(dir.path()).unwrap();
-    assert!(named(&cases) >= 5 && named(&all) + 2 <= named(&cases), "{} {all:#?}", named(&cases));
+    assert!(named(&cases) >= 5 && named(&all) <= 3, "{all:#?}");
     assert!(all.iter().all(|case| !case.names_wrong()), "{all:#?}");
 }
 

@@ -83,8 +83,7 @@ fn elsewhere(problem: &Problem<'_>, place: usize, of: &Explanation, base: &Mode)
     let after = left_at(problem, of, &model, mode.w.as_slice());
     let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
     let closes = 1.0 - left(before, after, 1.0);
-    let is_open = ignorance > KNOWN.max(OF_WHAT_IS_LEFT * after);
-    is_open.then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
+    is_unknown(ignorance, after).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
 }
 
 /// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
@@ -100,7 +99,12 @@ pub fn unproven(first: &Explanation, left: f64, ignorance: f64) -> Option<Untrie
 /// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
 pub fn is_too_vague(problem: &Problem<'_>, of: &Explanation) -> bool {
     let left = left_at(problem, of, &of.model(problem), of.best());
-    ignorance(problem, of) > KNOWN.max(OF_WHAT_IS_LEFT * left)
+    is_unknown(ignorance(problem, of), left)
+}
+
+/// Whether the emulator's error is too large to say what is left, both in units of noise and scatter.
+fn is_unknown(ignorance: f64, left: f64) -> bool {
+    ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left)
 }
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
