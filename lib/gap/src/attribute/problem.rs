@@ -34,6 +34,7 @@ use gl_inference::prior::Prior;
 use gl_inference::units::Units;
 
 /// What all hypotheses share.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// The simulation at any parameters; its points are coordinates of all parameters of the prior.
     pub predictor: &'a dyn Predictor,
@@ -228,6 +229,11 @@ impl<'a> Problem<'a> {
     /// The readings of each observable.
     pub fn blocks(&self) -> Vec<Range<usize>> {
         (0..self.ranges.len()).map(|j| self.own(j)).collect()
+    }
+
+    /// The same as if this curve had been measured, shape (readings,).
+    pub fn aimed_at(&self, curve: Vec<f64>) -> Self {
+        Self { observed: curve, ..self.clone() }
     }
 
     /// The same with the units of columns, for words.

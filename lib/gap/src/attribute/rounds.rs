@@ -2,7 +2,7 @@
 //!
 //! Where one cause stands out, a third of the runs show it as well as all of them do; where two are close, each run
 //! counts. So a design is made in rounds, each of the later ones where the hypotheses put the parameters, until two
-//! rounds say the same.
+//! rounds say the same. These are small, since each of them tells where the next has to be.
 
 use anyhow::Result;
 use gl_table::Table;
@@ -19,11 +19,11 @@ pub struct Rounds {
 }
 
 /// Rounds that are made where the hypotheses put the parameters.
-const POINTED: usize = 3;
+const POINTED: usize = 6;
 
 /// Rounds that follow where effects are left of which the emulator knows too little, and the case does not say how many runs
 /// the design may have.
-const FURTHER: usize = 2;
+const FURTHER: usize = 6;
 
 /// Runs go beyond the prior so often at the most, each time further.
 pub const WIDEST: usize = 2;
@@ -46,17 +46,17 @@ impl Rounds {
 
     /// Runs of all further rounds, at the most.
     pub fn most_further(self) -> usize {
-        FURTHER * self.pointed(POINTED)
+        FURTHER * self.tenth()
     }
 
-    /// Runs of a pointed round, from 0: a tenth, twice as many, and what is left; as many as that in further ones.
+    /// Runs of a pointed round, from 0: a tenth, in the last of them what is left; a tenth in further ones.
     pub fn pointed(self, number: usize) -> usize {
-        let tenth = self.all.div_ceil(10);
-        match number {
-            0 => tenth,
-            1 => 2 * tenth,
-            _ => self.all.saturating_sub(self.first() + 3 * tenth).max(1),
-        }
+        let before = self.first() + (POINTED - 1) * self.tenth();
+        if number + 1 == POINTED { self.all.saturating_sub(before).max(1) } else { self.tenth() }
+    }
+
+    fn tenth(self) -> usize {
+        self.all.div_ceil(10)
     }
 }
 
@@ -109,6 +109,7 @@ impl Standing {
             && self.probability >= SHARP
             && before.probability >= SHARP
             && self.ignorance <= KNOWN
+            && !self.is_untried
             && !(self.is_unsettled && self.cause == UNEXPLAINED)
     }
 }
@@ -209,7 +210,7 @@ mod tests {
             let rounds = Rounds { all };
             let pointed: usize = (0..POINTED).map(|number| rounds.pointed(number)).sum();
             assert_eq!(rounds.first() + pointed, all);
-            assert_eq!(rounds.most_further(), 2 * rounds.pointed(POINTED - 1));
+            assert_eq!(rounds.most_further(), FURTHER * rounds.pointed(POINTED));
         }
     }
 
@@ -226,8 +227,8 @@ mod tests {
         assert_eq!([known.ignorance, unknown.ignorance, rival.ignorance], [0.7, 1.6, 1.4]);
         assert!(rival.is_untried);
         assert!(!known.asks_for_further(POINTED));
-        let asked: Vec<usize> = (POINTED..9).filter(|pointed| unknown.asks_for_further(*pointed)).collect();
-        assert_eq!(asked, [POINTED, POINTED + 1]);
+        let asked: Vec<usize> = (POINTED..20).filter(|pointed| unknown.asks_for_further(*pointed)).collect();
+        assert_eq!(asked, Vec::from_iter(POINTED..POINTED + FURTHER));
     }
 
     fn of(cause: &str, probability: f64, ignorance: f64) -> Standing {
@@ -269,16 +270,21 @@ mod tests {
 
     #[test]
     fn a_design_ends_with_its_rounds_and_goes_on_where_effects_are_untried_and_no_number_is_given() {
-        let (point, end) = (Step::Point, Step::End);
         let doubtful = (of("adhesion", 0.5, 0.6), false);
-        assert_eq!(steps(None, &vec![doubtful.clone(); 4]), [point, point, point, end]);
-        assert_eq!(steps(Some(100), &vec![doubtful.clone(); 4]), [point, point, point, end]);
         let untried = (Standing { is_untried: true, ..doubtful.0.clone() }, false);
-        let all = [point, point, point, Step::Further, Step::Further, end];
-        assert_eq!(steps(None, &vec![untried.clone(); 6]), all);
-        assert_eq!(steps(Some(100), &vec![untried.clone(); 4]), [point, point, point, end]);
+        // So many pointed rounds, further ones, and the end.
+        let made = |asked, said: &(Standing, bool)| {
+            let steps = steps(asked, &vec![said.clone(); 20]);
+            let end = steps.iter().position(|step| *step == Step::End).unwrap();
+            let further = steps[..end].iter().filter(|step| **step == Step::Further).count();
+            (end - further, further)
+        };
+        assert_eq!(made(None, &doubtful), (POINTED, 0));
+        assert_eq!(made(Some(100), &doubtful), (POINTED, 0));
+        assert_eq!(made(None, &untried), (POINTED, FURTHER));
+        assert_eq!(made(Some(100), &untried), (POINTED, 0));
         // A larger number than the rounds have is made at once.
-        assert_eq!(steps(Some(150), &vec![untried; 5]), [point, point, point, point, end]);
+        assert_eq!(made(Some(150), &untried), (POINTED + 1, 0));
     }
 
     #[test]
@@ -288,7 +294,7 @@ mod tests {
         course.made(40);
         assert_eq!(course.next(doubtful.clone(), true), Step::Widen);
         course.made(20);
-        let made: Vec<usize> = (0..4)
+        let made: Vec<usize> = (0..7)
             .map(|_| {
                 let runs = course.pointed();
                 course.next(doubtful.clone(), false);
@@ -296,7 +302,7 @@ mod tests {
                 runs
             })
             .collect();
-        assert_eq!(made, [10, 20, 30, 20]);
+        assert_eq!(made, [10, 10, 10, 10, 10, 10, 20]);
         assert_eq!(course.next(doubtful, false), Step::End);
     }
 
@@ -307,6 +313,7 @@ mod tests {
         assert!(!now.is_settled_since(&of("damping", 0.96, 0.6)));
         assert!(!now.is_settled_since(&of("adhesion", 0.9, 0.6)));
         assert!(!of("adhesion", 0.97, 1.6).is_settled_since(&now));
+        assert!(!Standing { is_untried: true, ..now.clone() }.is_settled_since(&now));
         let unsettled = |cause: &str| Standing { is_unsettled: true, ..of(cause, 0.97, 0.6) };
         assert!(unsettled("adhesion").is_settled_since(&now));
         let unknown = of("unexplained", 0.97, 0.6);

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use crate::attribute::attribution::closure::left;
 use crate::attribute::attribution::{Explanation, MOST, RuledOut};
-use crate::attribute::evidence::mode::{Mode, find};
-use crate::attribute::evidence::model::Model;
+use crate::attribute::evidence::mode::{Mode, find, likeliest};
+use crate::attribute::evidence::model::{Model, ln_prior};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, is_part};
 
@@ -20,7 +20,7 @@ pub struct Untried {
     pub ignorance: f64,
     /// Share of the gap that it closes there.
     pub closes: f64,
-    /// Where that is, if it is where the emulator's mean would fit best, and not where the explanation does.
+    /// Where that is, if it is not where the explanation fits best.
     pub elsewhere: Option<Mode>,
 }
 
@@ -30,12 +30,17 @@ pub const KNOWN: f64 = 1.0;
 /// The same as a share of what the effect leaves of the gap: what is far more than the emulator's error is left in runs, too.
 const OF_WHAT_IS_LEFT: f64 = 0.25;
 
+/// Share of the noise within which two effects do the same: their curves, fitted to one measurement.
+const SAME: f64 = 0.5;
+
+/// ln odds to do the same as the first, by what the emulator knows and does not know, below which an effect is ruled out
+/// even where it is not known. That one would is less improbable than that: effects are alike.
+const COINCIDENCE: f64 = 75.0;
+
 /// Single effects of which the emulator knows too little, in the order of the explanations. Where something unknown comes first,
 /// none of the candidates explains a measurement only if all have been tried; where effects do, no other is ruled out
 /// that has not been tried. A vague emulator makes
-/// a measurement improbable under the very effect that is in it, and what is improbable gets no runs. Where it is vague the
-/// effect may even fit worse than elsewhere, as a weak one that closes little: so it is asked, too, where its mean would fit
-/// best, whatever it does not know.
+/// a measurement improbable under the very effect that is in it, and what is improbable gets no runs.
 pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untried> {
     let Some(first) = explanations.first().filter(|first| !first.is_base()) else {
         return Vec::new();
@@ -54,36 +59,63 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     };
     let asked: Vec<(usize, &Explanation)> =
         explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
-    let is_asked_elsewhere = |of: &Explanation| !of.is_vague && !of.closes_most();
-    let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
-    let base = if is_base_needed { nearest(problem, &[]) } else { None };
+    let base = if asked.is_empty() { None } else { nearest(problem, &[]) };
     let untried = |(place, of): (usize, &Explanation)| {
         if of.is_vague {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
-        base.as_ref().filter(|_| is_asked_elsewhere(of)).and_then(|base| elsewhere(problem, place, of, base))
+        let base = base.as_ref()?;
+        let (elsewhere, known) = if first.is_cause() {
+            (in_place_of(problem, first, of), SAME)
+        } else {
+            (Some(of).filter(|of| !of.closes_most()).and_then(|of| nearest(problem, &of.hypothesis)), KNOWN)
+        };
+        there(problem, place, (of, elsewhere?), (base, known))
     };
     asked.into_par_iter().filter_map(untried).collect()
 }
 
-/// Where the emulator's mean would fit best, whatever it does not know.
+/// Where the emulator's mean would fit best, whatever it does not know: where it is vague an effect may even fit worse than
+/// elsewhere, as a weak one that closes little.
 fn nearest(problem: &Problem<'_>, hypothesis: &[usize]) -> Option<Mode> {
     let mut model = Model::new(problem, hypothesis, false).sure();
     find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1)).into_iter().next()
 }
 
-/// An effect where the emulator's mean would fit best, if too little is known there to say what it leaves.
+/// Where an effect would most likely do what another one does, which fits. None if that is out of the question.
 ///
-/// * `base` — where the base model's mean would.
-fn elsewhere(problem: &Problem<'_>, place: usize, of: &Explanation, base: &Mode) -> Option<Untried> {
-    let mode = nearest(problem, &of.hypothesis)?;
+/// It is not where it fits best: what is known not to fit is far likelier to leave what it leaves than anything unknown is to fit.
+fn in_place_of(problem: &Problem<'_>, first: &Explanation, of: &Explanation) -> Option<Mode> {
+    let own = first.model(problem).plain();
+    let best = own.with_noise(&first.best()[..own.len()], SAME);
+    let aimed = problem.aimed_at(own.mean(&best));
+    let [own, model] = [first, of].map(|of| Model::new(&aimed, &of.hypothesis, false));
+    let nuisances = &best[own.curve_parameters()..];
+    let mode = likeliest(&model, nuisances, &mut ChaCha8Rng::seed_from_u64(1))?;
+    let ln_density = |model: &Model<'_>, w: &[f64]| {
+        model.ln_likelihood(w, &model.curve(w)) + ln_prior(&w[..model.curve_parameters()])
+    };
+    let behind = ln_density(&own, &best) - ln_density(&model, mode.w.as_slice());
+    (behind < COINCIDENCE).then_some(mode)
+}
+
+/// An effect at a place, if too little is known there to say what it leaves.
+///
+/// * `base` — where the base model's mean would fit best.
+/// * `known` — what the emulator may not know.
+fn there(
+    problem: &Problem<'_>,
+    place: usize,
+    (of, mode): (&Explanation, Mode),
+    (base, known): (&Mode, f64),
+) -> Option<Untried> {
     let model = of.model(problem).plain();
     let before = left_at(problem, of, &Model::new(problem, &[], false), base.w.as_slice());
     let after = left_at(problem, of, &model, mode.w.as_slice());
     let ignorance = ignorance_at(problem, of, &model, mode.w.as_slice());
     let closes = 1.0 - left(before, after, 1.0);
-    is_unknown(ignorance, after).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
+    is_unknown(ignorance, after, known).then_some(Untried { place, ignorance, closes, elsewhere: Some(mode) })
 }
 
 /// What the emulator does not know where effects that come first fit best, if it is too much to call them the cause: its
@@ -99,12 +131,12 @@ pub fn unproven(first: &Explanation, left: f64, ignorance: f64) -> Option<Untrie
 /// Whether the emulator knows too little where an explanation fits best to say what it leaves of the gap.
 pub fn is_too_vague(problem: &Problem<'_>, of: &Explanation) -> bool {
     let left = left_at(problem, of, &of.model(problem), of.best());
-    is_unknown(ignorance(problem, of), left)
+    is_unknown(ignorance(problem, of), left, KNOWN)
 }
 
-/// Whether the emulator's error is too large to say what is left, both in units of noise and scatter.
-fn is_unknown(ignorance: f64, left: f64) -> bool {
-    ignorance > KNOWN.max(OF_WHAT_IS_LEFT * left)
+/// Whether the emulator's error is too large to say what is left, both in units of noise and scatter, `known` being what it may be.
+fn is_unknown(ignorance: f64, left: f64, known: f64) -> bool {
+    ignorance > known.max(OF_WHAT_IS_LEFT * left)
 }
 
 /// Root mean square over all readings of what the emulator does not know where an explanation fits best, in
@@ -198,6 +230,33 @@ mod tests {
         diagnosis.attribution.explanations.sort_by_key(|of| of.name != "offset(y)");
         diagnosis.untried = untried(&problem, &diagnosis.attribution.explanations);
         assert!(!diagnosis.is_unproven(), "the rival is not what comes first");
+    }
+
+    #[test]
+    fn a_rival_is_tried_where_it_would_do_what_the_first_does_and_not_where_it_fits() {
+        let rms = |a: &[f64], b: &[f64]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+            (squares / a.len() as f64).sqrt()
+        };
+        let (predictor, prior) = (Straight::unsure(2.5e-3), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        explanations.sort_by_key(|of| of.name != "offset(y)");
+        let first = explanations[0].model(&problem).mean(explanations[0].best());
+        let rival = explanations.iter().find(|of| of.name == "wave").unwrap();
+        let model = rival.model(&problem);
+        let there = in_place_of(&problem, &explanations[0], rival).unwrap();
+        let in_place = rms(&model.mean(there.w.as_slice()), &first);
+        let fitted = rms(&model.mean(rival.best()), &first);
+        assert!(in_place < 0.3 * fitted, "{in_place} {fitted}");
+        // What is known not to do the same is out of the question.
+        let (predictor, prior) = (Straight::unsure(1e-8), Straight::prior());
+        let problem = predictor.problem(&prior, &observations);
+        let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        explanations.sort_by_key(|of| of.name != "wave");
+        let none = explanations.iter().find(|of| of.name == "none").unwrap();
+        assert!(in_place_of(&problem, &explanations[0], none).is_none());
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct Mode {
 const SCREENED: usize = 64;
 /// The same where smaller hypotheses have been climbed already.
 const SCREENED_BESIDE: usize = 24;
+/// The same where what the emulator does not know counts, which is much in most of the prior.
+const TRIED: usize = 256;
 /// How many of them are climbed.
 const CLIMBED: usize = 2;
 /// Modes that lie further below the best are left to the wide part of the proposal.
@@ -52,10 +54,28 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
     modes
 }
 
+/// The likeliest place of a model by all that the emulator knows and does not know, its nuisances as they are given.
+pub fn likeliest(model: &Model<'_>, nuisances: &[f64], random: &mut ChaCha8Rng) -> Option<Mode> {
+    let drawn = |_| {
+        let of_curve = (0..model.curve_parameters()).map(|_| standard_normal(random));
+        of_curve.chain(nuisances.iter().copied()).collect()
+    };
+    let drawn: Vec<Vec<f64>> = (0..TRIED).map(drawn).collect();
+    let ln_likelihood = |(w, variance): (Vec<f64>, Vec<f64>)| {
+        let mean = model.mean(&w);
+        (model.ln_likelihood(&w, &Curve { mean, variance }), w)
+    };
+    let variances = model.variances(&drawn);
+    let mut tried: Vec<(f64, Vec<f64>)> = drawn.into_iter().zip(variances).map(ln_likelihood).collect();
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let modes = tried.into_iter().take(CLIMBED).filter_map(|(_, w)| climb(model, w, &[], Covariance::Given));
+    modes.max_by(|a, b| a.ln_posterior.total_cmp(&b.ln_posterior))
+}
+
 /// The modes that lie apart, best first, of those that are known and those that are reached from starts.
 fn climbed(model: &Model<'_>, mut modes: Vec<Mode>, starts: impl Iterator<Item = Vec<f64>>) -> Vec<Mode> {
     for start in starts {
-        modes.extend(climb(model, start, &modes));
+        modes.extend(climb(model, start, &modes, Covariance::Fitted));
     }
     distinct(modes)
 }
@@ -124,7 +144,7 @@ fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (M
         outliers.sort_unstable();
         let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
         model.set_form(&added, &outliers);
-        let next = climb(model, best.w.as_slice().to_vec(), &[]);
+        let next = climb(model, best.w.as_slice().to_vec(), &[], Covariance::Fitted);
         let Some(next) = next.filter(|next| next.ln_posterior > best.ln_posterior) else {
             *model = before;
             return (best, is_changed);
@@ -134,13 +154,27 @@ fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (M
     }
 }
 
+/// What a climb does with the nuisances, which change the covariance alone.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Covariance {
+    /// They are put where they are most probable.
+    Fitted,
+    /// They stay as they are at the start.
+    Given,
+}
+
 /// The mode that is reached from a start; none on the way to one that is known.
-fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode]) -> Option<Mode> {
+fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode], covariance: Covariance) -> Option<Mode> {
     let dimensions = model.curve_parameters();
     let objective = |w: &[f64], curve: &Curve| model.ln_likelihood(w, curve) + ln_prior(w);
     let mut w = start;
     let mut curve = model.curve(&w);
-    settle_nuisances(model, &mut w, &curve);
+    let settle = |w: &mut [f64], curve: &Curve| {
+        if covariance == Covariance::Fitted {
+            settle_nuisances(model, w, curve);
+        }
+    };
+    settle(&mut w, &curve);
     let mut value = objective(&w, &curve);
     let mut damping = 1e-2;
     for iteration in 1..=ITERATIONS {
@@ -177,7 +211,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode]) -> Option<Mode> {
         let is_done = gained < 0.01;
         if is_done || iteration % 8 == 0 {
             curve = model.curve(&w);
-            settle_nuisances(model, &mut w, &curve);
+            settle(&mut w, &curve);
             let settled = objective(&w, &curve);
             if is_done && settled - value < 0.1 {
                 value = settled;
@@ -357,11 +391,11 @@ mod tests {
         let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, noise, 1.0).unwrap();
         let model = Model::new(&problem, &[], false);
         let start = vec![0.5; model.len()];
-        let mode = climb(&model, start.clone(), &[]).unwrap();
-        assert!(climb(&model, start.clone(), std::slice::from_ref(&mode)).is_none());
+        let mode = climb(&model, start.clone(), &[], Covariance::Fitted).unwrap();
+        assert!(climb(&model, start.clone(), std::slice::from_ref(&mode), Covariance::Fitted).is_none());
         // One that is elsewhere, or lower, does not end it.
         let elsewhere = Mode { w: mode.w.add_scalar(30.0), ..mode.clone() };
         let lower = Mode { ln_posterior: mode.ln_posterior - 1.0, ..mode };
-        assert!(climb(&model, start, &[elsewhere, lower]).is_some());
+        assert!(climb(&model, start, &[elsewhere, lower], Covariance::Fitted).is_some());
     }
 }

@@ -11,7 +11,7 @@ use crate::attribute::problem::hypothesis::Candidate;
 use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::predictor::Predicted;
 use crate::attribute::problem::{Nuisances, Problem};
-use gl_inference::prior::normal_cdf;
+use gl_inference::prior::{normal_cdf, normal_quantile};
 
 /// A hypothesis: the base model, the candidates that are in, and perhaps something unknown: a rest.
 ///
@@ -327,6 +327,22 @@ impl<'a> Model<'a> {
         stated
     }
 
+    /// The parameters with a noise of this share of what it is.
+    pub fn with_noise(&self, w: &[f64], share: f64) -> Vec<f64> {
+        let mut scaled = w.to_vec();
+        let first = self.curve_parameters();
+        for w in &mut scaled[first..first + self.problem.ranges.len()] {
+            *w = if self.problem.is_noise_stated {
+                *w + share.ln() / SD_OF_LN_NOISE
+            } else {
+                let (low, high) = LN_NOISE;
+                let place = normal_cdf(*w) + share.ln() / (high - low);
+                normal_quantile(place.clamp(f64::EPSILON, 1.0 - f64::EPSILON))
+            };
+        }
+        scaled
+    }
+
     /// What changes the covariance.
     pub fn nuisances(&self, w: &[f64]) -> Nuisances {
         let between = |(low, high): (f64, f64), w: f64| (low + (high - low) * normal_cdf(w)).exp();
@@ -427,4 +443,26 @@ fn ln_outlier_odds() -> f64 {
 /// ln of the standard normal density, shape (parameters,).
 pub fn ln_prior(w: &[f64]) -> f64 {
     -0.5 * w.iter().map(|w| w * w + std::f64::consts::TAU.ln()).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    #[test]
+    fn a_share_of_the_noise_is_taken_of_one_that_is_stated_and_of_one_that_is_not() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.0, 0.05);
+        for noise in [None, Some(vec![vec![0.05; STEPS]])] {
+            let problem =
+                Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
+            let model = Model::new(&problem, &[], false);
+            let w = vec![0.3; model.len()];
+            let scale = |w: &[f64]| model.nuisances(w).scales[0];
+            assert!((scale(&model.with_noise(&w, 0.5)) / scale(&w) - 0.5).abs() < 1e-6);
+        }
+    }
 }
