@@ -282,6 +282,12 @@ fn a_closed_stdout_is_an_error() {
     assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
     let output = shell(&folder, "gl-sample -p params.txt -n 4 >/dev/null");
     assert_eq!(output.status.code(), Some(0));
+    // As it is where a caller opens a null device for reading, too: words may go there, a table may not.
+    let output = shell(&folder, "gl-sample -p params.txt -n 4 1<>/dev/null");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("-o /dev/null for no table"));
+    let output = shell(&folder, "gl-sample --help 1<>/dev/null");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
