@@ -161,6 +161,7 @@ impl Course {
     pub fn pointed(&self) -> usize {
         match self.left {
             Some(left) if left > 0 && self.pointed >= POINTED => left,
+            Some(left) if left > 0 => left.min(self.rounds.pointed(self.pointed)),
             _ => self.rounds.pointed(self.pointed),
         }
     }
@@ -186,7 +187,7 @@ impl Course {
             self.before = self.before.take().and(Some(now));
             return Step::Widen;
         }
-        let is_all = self.pointed >= POINTED && self.left.unwrap_or(0) == 0;
+        let is_all = self.left.map_or(self.pointed >= POINTED, |left| left == 0);
         let goes_on = is_all && self.left.is_none() && now.asks_for_further(self.pointed);
         let is_settled = self.before.as_ref().is_some_and(|before| now.is_settled_since(before));
         if is_all && !goes_on || is_settled {
@@ -304,6 +305,23 @@ mod tests {
             .collect();
         assert_eq!(made, [10, 10, 10, 10, 10, 10, 20]);
         assert_eq!(course.next(doubtful, false), Step::End);
+    }
+
+    #[test]
+    fn no_more_runs_are_made_than_were_asked_for() {
+        for asked in [13, 40, 51, 52, 225, 301] {
+            let mut course = Course::new(Rounds { all: asked }, Some(asked));
+            let (mut made, mut runs) = (0, Rounds { all: asked }.first());
+            loop {
+                course.made(runs);
+                made += runs;
+                runs = course.pointed();
+                if course.next(of("adhesion", 0.5, 0.6), false) == Step::End {
+                    break;
+                }
+            }
+            assert_eq!(made, asked);
+        }
     }
 
     #[test]
