@@ -59,17 +59,19 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     };
     let asked: Vec<(usize, &Explanation)> =
         explanations.iter().enumerate().filter(|(_, of)| is_asked(of)).collect();
-    let base = if asked.is_empty() { None } else { nearest(problem, &[]) };
+    let is_asked_elsewhere = |of: &Explanation| !of.is_vague && (first.is_cause() || !of.closes_most());
+    let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
+    let base = if is_base_needed { nearest(problem, &[]) } else { None };
     let untried = |(place, of): (usize, &Explanation)| {
         if of.is_vague {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
-        let base = base.as_ref()?;
+        let base = base.as_ref().filter(|_| is_asked_elsewhere(of))?;
         let (elsewhere, known) = if first.is_cause() {
             (in_place_of(problem, first, of), SAME)
         } else {
-            (Some(of).filter(|of| !of.closes_most()).and_then(|of| nearest(problem, &of.hypothesis)), KNOWN)
+            (nearest(problem, &of.hypothesis), KNOWN)
         };
         there(problem, place, (of, elsewhere?), (base, known))
     };
