@@ -62,16 +62,16 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
     let is_asked_elsewhere = |of: &Explanation| !of.is_vague && (first.is_cause() || !of.closes_most());
     let is_base_needed = asked.iter().any(|(_, of)| is_asked_elsewhere(of));
     let base = if is_base_needed { nearest(problem, &[]) } else { None };
+    let imitated = (is_base_needed && first.is_cause()).then(|| Imitated::of(first, problem));
     let untried = |(place, of): (usize, &Explanation)| {
         if of.is_vague {
             let ignorance = ignorance(problem, of);
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
         let base = base.as_ref().filter(|_| is_asked_elsewhere(of))?;
-        let (elsewhere, known) = if first.is_cause() {
-            (in_place_of(problem, first, of), SAME)
-        } else {
-            (nearest(problem, &of.hypothesis), KNOWN)
+        let (elsewhere, known) = match &imitated {
+            Some(imitated) => (imitated.by(&of.hypothesis), SAME),
+            None => (nearest(problem, &of.hypothesis), KNOWN),
         };
         there(problem, place, (of, elsewhere?), (base, known))
     };
@@ -85,21 +85,41 @@ fn nearest(problem: &Problem<'_>, hypothesis: &[usize]) -> Option<Mode> {
     find(&mut model, &[], &mut ChaCha8Rng::seed_from_u64(1)).into_iter().next()
 }
 
-/// Where an effect would most likely do what another one does, which fits. None if that is out of the question.
+/// What the effects that come first do, as a measurement of its own.
 ///
-/// It is not where it fits best: what is known not to fit is far likelier to leave what it leaves than anything unknown is to fit.
-fn in_place_of(problem: &Problem<'_>, first: &Explanation, of: &Explanation) -> Option<Mode> {
-    let own = first.model(problem).plain();
-    let best = own.with_noise(&first.best()[..own.len()], SAME);
-    let aimed = problem.aimed_at(own.mean(&best));
-    let [own, model] = [first, of].map(|of| Model::new(&aimed, &of.hypothesis, false));
-    let nuisances = &best[own.curve_parameters()..];
-    let mode = likeliest(&model, nuisances, &mut ChaCha8Rng::seed_from_u64(1))?;
-    let ln_density = |model: &Model<'_>, w: &[f64]| {
-        model.ln_likelihood(w, &model.curve(w)) + ln_prior(&w[..model.curve_parameters()])
-    };
-    let behind = ln_density(&own, &best) - ln_density(&model, mode.w.as_slice());
-    (behind < COINCIDENCE).then_some(mode)
+/// Whether another one does the same is not asked where that one fits best: what is known not to fit is far likelier to leave what
+/// it leaves than anything unknown is to fit.
+struct Imitated<'a> {
+    /// The problem with their curve as the measurement.
+    problem: Problem<'a>,
+    /// The noise of it.
+    nuisances: Vec<f64>,
+    /// ln of their own density there, prior included.
+    ln_density: f64,
+}
+
+impl<'a> Imitated<'a> {
+    fn of(first: &Explanation, problem: &Problem<'a>) -> Self {
+        let own = first.model(problem).plain();
+        let best = own.with_noise(&first.best()[..own.len()], SAME);
+        let aimed = problem.aimed_at(own.mean(&best));
+        let ln_density = ln_density(&Model::new(&aimed, &first.hypothesis, false), &best);
+        Self { ln_density, nuisances: best[own.curve_parameters()..].to_vec(), problem: aimed }
+    }
+
+    /// Where another effect would most likely do the same, by what the emulator knows and does not know. None if that is out of
+    /// the question.
+    fn by(&self, hypothesis: &[usize]) -> Option<Mode> {
+        let model = Model::new(&self.problem, hypothesis, false);
+        let mode = likeliest(&model, &self.nuisances, &mut ChaCha8Rng::seed_from_u64(1))?;
+        let behind = self.ln_density - ln_density(&model, mode.w.as_slice());
+        (behind < COINCIDENCE).then_some(mode)
+    }
+}
+
+/// ln density of a model's curve and parameters, but for what is believed of its noise.
+fn ln_density(model: &Model<'_>, w: &[f64]) -> f64 {
+    model.ln_likelihood(w, &model.curve(w)) + ln_prior(&w[..model.curve_parameters()])
 }
 
 /// An effect at a place, if too little is known there to say what it leaves.
@@ -248,7 +268,7 @@ mod tests {
         let first = explanations[0].model(&problem).mean(explanations[0].best());
         let rival = explanations.iter().find(|of| of.name == "wave").unwrap();
         let model = rival.model(&problem);
-        let there = in_place_of(&problem, &explanations[0], rival).unwrap();
+        let there = Imitated::of(&explanations[0], &problem).by(&rival.hypothesis).unwrap();
         let in_place = rms(&model.mean(there.w.as_slice()), &first);
         let fitted = rms(&model.mean(rival.best()), &first);
         assert!(in_place < 0.3 * fitted, "{in_place} {fitted}");
@@ -258,7 +278,7 @@ mod tests {
         let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
         explanations.sort_by_key(|of| of.name != "wave");
         let none = explanations.iter().find(|of| of.name == "none").unwrap();
-        assert!(in_place_of(&problem, &explanations[0], none).is_none());
+        assert!(Imitated::of(&explanations[0], &problem).by(&none.hypothesis).is_none());
     }
 
     #[test]
