@@ -15,6 +15,8 @@ pub struct Straight {
     basis: DMatrix<f64>,
     left_over: Vec<f64>,
     variance: f64,
+    /// From this b on; below it all is known.
+    unsure_from: f64,
     scatter: Vec<f64>,
 }
 
@@ -32,7 +34,13 @@ impl Straight {
     /// Known to this variance of each component.
     pub fn unsure(variance: f64) -> Self {
         let basis = DMatrix::from_fn(STEPS, 3, |t, i| [1.0, x(t), (6.0 * x(t)).sin()][i]);
-        Self { basis, left_over: vec![0.0; STEPS], variance, scatter: vec![0.0; 3] }
+        let unsure_from = f64::NEG_INFINITY;
+        Self { basis, left_over: vec![0.0; STEPS], variance, unsure_from, scatter: vec![0.0; 3] }
+    }
+
+    /// Known to this variance of each component from this b on, and exactly below it.
+    pub fn unsure_from(b: f64, variance: f64) -> Self {
+        Self { unsure_from: b, ..Self::unsure(variance) }
     }
 
     /// Of which a scatters with this variance from run to run.
@@ -127,10 +135,9 @@ impl Predictor for Straight {
 
     fn predict(&self, point: &[f64]) -> Predicted {
         let value = |i: usize, mean: f64, sd: f64| mean + sd * (16.0 * point[i] - 8.0);
-        Predicted {
-            mean: vec![value(0, 1.0, 0.5), value(1, 1.0, 0.5), value(2, 0.0, 1.0)],
-            variance: vec![self.variance; 3],
-        }
+        let mean = vec![value(0, 1.0, 0.5), value(1, 1.0, 0.5), value(2, 0.0, 1.0)];
+        let variance = if mean[1] < self.unsure_from { 0.0 } else { self.variance };
+        Predicted { mean, variance: vec![variance; 3] }
     }
 }
 

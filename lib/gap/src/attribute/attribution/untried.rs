@@ -37,6 +37,11 @@ const SAME: f64 = 0.5;
 /// even where it is not known. That one would is less improbable than that: effects are alike.
 const COINCIDENCE: f64 = 75.0;
 
+/// Places at which an effect that is known where it most likely does the same is asked once more, and how many times as wide as what
+/// the emulator says of them they are drawn. Along what its parameters trade there may be no runs.
+const ALONG: usize = 64;
+const WIDER: f64 = 2.0;
+
 /// Single effects of which the emulator knows too little, in the order of the explanations. Where something unknown comes first,
 /// none of the candidates explains a measurement only if all have been tried; where effects do, no other is ruled out
 /// that has not been tried. A vague emulator makes
@@ -69,11 +74,11 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
         let base = base.as_ref().filter(|_| is_asked_elsewhere(of))?;
-        let (elsewhere, known) = match &imitated {
+        let (places, known) = match &imitated {
             Some(imitated) => (imitated.by(&of.hypothesis), SAME),
-            None => (nearest(problem, &of.hypothesis), KNOWN),
+            None => (nearest(problem, &of.hypothesis).into_iter().collect(), KNOWN),
         };
-        there(problem, place, (of, elsewhere?), (base, known))
+        places.into_iter().find_map(|mode| there(problem, place, (of, mode), (base, known)))
     };
     asked.into_par_iter().filter_map(untried).collect()
 }
@@ -107,13 +112,21 @@ impl<'a> Imitated<'a> {
         Self { ln_density, nuisances: best[own.curve_parameters()..].to_vec(), problem: aimed }
     }
 
-    /// Where another effect would most likely do the same, by what the emulator knows and does not know. None if that is out of
-    /// the question.
-    fn by(&self, hypothesis: &[usize]) -> Option<Mode> {
+    /// Where another effect would do the same, by what the emulator knows and does not know: where it most likely does, then
+    /// along what its parameters trade there, likeliest first. None of these is out of the question.
+    fn by(&self, hypothesis: &[usize]) -> Vec<Mode> {
         let model = Model::new(&self.problem, hypothesis, false);
-        let mode = likeliest(&model, &self.nuisances, &mut ChaCha8Rng::seed_from_u64(1))?;
-        let behind = self.ln_density - ln_density(&model, mode.w.as_slice());
-        (behind < COINCIDENCE).then_some(mode)
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let Some(likeliest) = likeliest(&model, &self.nuisances, &mut random) else { return Vec::new() };
+        let ahead = |mode: Mode| {
+            let ln = ln_density(&model, mode.w.as_slice());
+            (self.ln_density - ln < COINCIDENCE).then_some((ln, mode))
+        };
+        let along = likeliest.drawn_about(model.curve_parameters(), ALONG, WIDER, &mut random);
+        let Some((_, likeliest)) = ahead(likeliest) else { return Vec::new() };
+        let mut along: Vec<(f64, Mode)> = along.into_iter().filter_map(ahead).collect();
+        along.sort_by(|a, b| b.0.total_cmp(&a.0));
+        std::iter::once(likeliest).chain(along.into_iter().map(|(_, mode)| mode)).collect()
     }
 }
 
@@ -268,7 +281,7 @@ mod tests {
         let first = explanations[0].model(&problem).mean(explanations[0].best());
         let rival = explanations.iter().find(|of| of.name == "wave").unwrap();
         let model = rival.model(&problem);
-        let there = Imitated::of(&explanations[0], &problem).by(&rival.hypothesis).unwrap();
+        let there = Imitated::of(&explanations[0], &problem).by(&rival.hypothesis).remove(0);
         let in_place = rms(&model.mean(there.w.as_slice()), &first);
         let fitted = rms(&model.mean(rival.best()), &first);
         assert!(in_place < 0.3 * fitted, "{in_place} {fitted}");
@@ -278,7 +291,32 @@ mod tests {
         let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
         explanations.sort_by_key(|of| of.name != "wave");
         let none = explanations.iter().find(|of| of.name == "none").unwrap();
-        assert!(Imitated::of(&explanations[0], &problem).by(&none.hypothesis).is_none());
+        assert!(Imitated::of(&explanations[0], &problem).by(&none.hypothesis).is_empty());
+    }
+
+    #[test]
+    fn a_rival_that_is_known_where_it_most_likely_does_the_same_is_asked_along_what_it_trades_too() {
+        let prior = Straight::prior();
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        // Where it is asked, b being unknown from here on.
+        let found = |from: f64| {
+            let predictor = Straight::unsure_from(from, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            explanations.sort_by_key(|of| of.name != "offset(y)");
+            // Where it fits best it is known, whatever b is there.
+            explanations.iter_mut().for_each(|of| of.is_vague = false);
+            let rival = explanations.iter().position(|of| of.name == "wave").unwrap();
+            let places = Imitated::of(&explanations[0], &problem).by(&explanations[rival].hypothesis);
+            let b = |mode: &Mode| 1.0 + 0.5 * mode.w[1];
+            let untried = untried(&problem, &explanations);
+            (b(&places[0]), untried.first().map(|of| b(of.elsewhere.as_ref().unwrap())))
+        };
+        let (likeliest, asked) = found(f64::INFINITY);
+        assert!(asked.is_none());
+        let from = likeliest + 0.05;
+        let (known, asked) = found(from);
+        assert!(known < from && asked.is_some_and(|b| b >= from), "{known} {asked:?}");
     }
 
     #[test]

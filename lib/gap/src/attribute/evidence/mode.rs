@@ -1,5 +1,7 @@
 //! The most probable parameters of a hypothesis, by Levenberg–Marquardt from several starts.
 
+use std::ops::AddAssign;
+
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -274,6 +276,27 @@ impl Mode {
     fn is_near(&self, w: &DVector<f64>) -> bool {
         let away = w - &self.w;
         Cholesky::new(self.covariance.clone()).is_some_and(|factor| away.dot(&factor.solve(&away)) <= 4.0)
+    }
+
+    /// As many places about it, from a normal distribution this many times as wide as the posterior in the parameters of the
+    /// curve, which come first; all else is the mode's. None where the posterior has no spread.
+    pub fn drawn_about(
+        &self,
+        curve_parameters: usize,
+        count: usize,
+        wider: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Vec<Self> {
+        let spread = self.covariance.view((0, 0), (curve_parameters, curve_parameters)).into_owned();
+        let Some(factor) = Cholesky::new(spread) else { return Vec::new() };
+        let drawn = |_| {
+            let step =
+                factor.l() * DVector::from_fn(curve_parameters, |_, _| wider * standard_normal(random));
+            let mut place = self.clone();
+            place.w.rows_mut(0, curve_parameters).add_assign(&step);
+            place
+        };
+        (0..count).map(drawn).collect()
     }
 
     /// ln evidence as if the posterior were normal about this mode (Laplace).
