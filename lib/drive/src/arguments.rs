@@ -57,6 +57,22 @@ impl Request {
         Ok(Path::new("out").join(name))
     }
 
+    /// The folder of what is to be done, if there is none of the other kind in it, whose files would be mixed with its own.
+    ///
+    /// * `mark` — what is in a folder of the other kind alone.
+    ///
+    /// # Errors
+    /// If there is one, or the folder of the case has no name.
+    pub(crate) fn own_folder(&self, suffix: &str, mark: &str, other: &str) -> Result<PathBuf> {
+        let out = self.folder(suffix)?;
+        ensure!(
+            !out.join(mark).exists(),
+            "{}: has a {other} in it ({mark}), with which this would be mixed; give another --out",
+            out.display()
+        );
+        Ok(out)
+    }
+
     /// Keep what was given, where it changes what is computed; the time of the file is that of the last change.
     pub(crate) fn keep(&self, engine: Engine, out: &Path) -> Result<PathBuf> {
         let limits = |text: &&String| !text.to_lowercase().starts_with("iterations=");

@@ -1,6 +1,8 @@
 //! Whether a case can be run, asked before the first run: its tables, the names in it, its model, the engine.
 
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
@@ -13,6 +15,7 @@ use gl_inference::samples::{check_parameter_name, sample_names};
 use gl_table::verdict::Verdicts;
 
 use crate::arguments::Request;
+use crate::columns::within;
 use crate::forecast::Plan;
 use crate::step::time;
 
@@ -114,7 +117,7 @@ fn commands(case: &Case, engine: Engine) -> Result<Vec<Model>> {
 /// # Errors
 /// If the command of a test, or when a file was changed, cannot be read.
 pub(crate) fn changed_since_runs(case: &Case, engine: Engine, out: &Path) -> Result<Option<PathBuf>> {
-    let Some(made) = time(&out.join("iter0/ensemble.txt"))? else { return Ok(None) };
+    let Some(made) = first_runs_made(case, &out.join("iter0"))? else { return Ok(None) };
     let models = match engine {
         Engine::YadeBatch => vec![Model::Yade(case.engine(Some(engine))?.1.into())],
         _ => commands(case, engine)?,
@@ -125,6 +128,21 @@ pub(crate) fn changed_since_runs(case: &Case, engine: Engine, out: &Path) -> Res
         }
     }
     Ok(None)
+}
+
+/// When the runs of an iteration were made: their tables, or the first of them where none could be collected.
+fn first_runs_made(case: &Case, iteration: &Path) -> Result<Option<SystemTime>> {
+    let mut made = Vec::new();
+    for folder in case.tests.iter().map(|test| within(iteration, test)) {
+        let collected = time(&folder.join("ensemble.txt"))?;
+        let first_run = || {
+            let runs = fs::read_dir(folder.join("runs")).into_iter().flatten().flatten();
+            let is_result = |run: &fs::DirEntry| run.file_name().as_encoded_bytes().ends_with(b"_sim.txt");
+            runs.filter(is_result).filter_map(|run| run.metadata().ok()?.modified().ok()).min()
+        };
+        made.extend(collected.or_else(first_run));
+    }
+    Ok(made.into_iter().min())
 }
 
 /// Parameters that no command is given.

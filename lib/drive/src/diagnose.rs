@@ -46,7 +46,7 @@ pub(crate) struct Diagnosis<'a> {
 pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
-    let out = request.folder("-diagnosis")?;
+    let out = request.own_folder("-diagnosis", "iter0", "calibration")?;
     ensure!(
         !out.as_os_str().as_encoded_bytes().contains(&b','),
         "{}: commas part the tables that gl-gap-shrink takes; choose a folder without",

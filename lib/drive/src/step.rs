@@ -123,15 +123,23 @@ impl Runner {
         }
     }
 
-    /// Call a tool that may fail: whether it ended well. What it says is added to a file.
+    /// Call a tool that may find nothing in what it is given: whether it ended well. What it says is added to a file.
+    ///
+    /// # Errors
+    /// If it was killed, or stopped by the system, as by a full disk: that says nothing of what it was given.
     pub(crate) fn attempt(&self, call: &Call, log: &Path) -> Result<bool> {
         self.note(&call.line())?;
-        let file = File::options().create(true).append(true).open(log);
-        let file = file.with_context(|| format!("{}: cannot be written", log.display()))?;
+        let cannot = || format!("{}: cannot be written", log.display());
+        let file = File::options().create(true).append(true).open(log).with_context(cannot)?;
+        let before = file.metadata().with_context(cannot)?.len();
         let status = called(call).stdin(Stdio::null()).stderr(file).status();
         let status = status.with_context(|| format!("{}: cannot be started", call.tool))?;
         match status.code() {
             Some(0) => Ok(true),
+            Some(_) if is_of_the_system(&said(log, before)) => {
+                show(log, before);
+                bail!("{} failed ({status}); its call is the last one in {}", call.tool, self.log.display())
+            }
             Some(_) => Ok(false),
             None => bail!("{} was killed ({status})", call.tool),
         }
@@ -184,10 +192,21 @@ fn called(call: &Call) -> Command {
 
 /// Show what a file of messages holds from a byte on.
 pub(crate) fn show(path: &Path, from: u64) {
-    let bytes = fs::read(path).unwrap_or_default();
-    let from = usize::try_from(from).unwrap_or(0).min(bytes.len());
     // A closed stderr is no reason to die.
-    let _ = std::io::stderr().write_all(&bytes[from..]);
+    let _ = std::io::stderr().write_all(&said(path, from));
+}
+
+/// What a file has from a byte on.
+fn said(path: &Path, from: u64) -> Vec<u8> {
+    let mut bytes = fs::read(path).unwrap_or_default();
+    let from = usize::try_from(from).unwrap_or(0).min(bytes.len());
+    bytes.split_off(from)
+}
+
+/// Whether what a tool says is an error of the operating system, as [`std::io::Error`] words it. One whose last words found
+/// no room, either, has said nothing.
+fn is_of_the_system(said: &[u8]) -> bool {
+    said.is_empty() || String::from_utf8_lossy(said).contains("(os error ")
 }
 
 /// Make a folder and those above it.

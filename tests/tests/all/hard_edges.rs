@@ -593,6 +593,53 @@ fn a_corner_of_the_prior_where_runs_fail_does_not_end_a_calibration() {
 }
 
 #[test]
+fn a_model_that_was_mended_after_no_run_could_be_read_is_said() {
+    let folder = case_with_a_failing_corner();
+    let model = folder.read("case/hard.awk");
+    folder.write("case/hard.awk", model.replace("eps\\tq", "eps\\tp"));
+    let call = || {
+        let output = folder.call("gl-calibrate case --out out seed=1 iterations=2", "");
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let said = call();
+    assert!(said.contains("no column q") && !said.contains("was changed after"), "{said}");
+    folder.write("case/hard.awk", model);
+    let said = call();
+    assert!(said.contains("hard.awk was changed after the runs in out"), "{said}");
+}
+
+#[test]
+fn a_disk_that_takes_no_draws_ends_a_calibration_and_changes_nothing_of_it() {
+    let folder = case_with_a_failing_corner();
+    folder.run("gl-calibrate case --out whole seed=1");
+    // Room for the runs and their table, and not for the draws.
+    let output = shell(&folder, "trap '' XFSZ; ulimit -f 32; gl-calibrate case --out out seed=1");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("File too large") && said.contains("gl-posterior failed"), "{said}");
+    assert!(!said.contains("no emulator can be trained") && !folder.path("out/iter0/fallback.txt").exists());
+    folder.run("gl-calibrate case --out out seed=1");
+    assert_eq!(folder.read("out/posterior.txt"), folder.read("whole/posterior.txt"));
+}
+
+#[test]
+fn a_calibration_and_a_diagnosis_do_not_go_into_one_folder() {
+    let folder = case_with_a_failing_corner();
+    fs::create_dir_all(folder.path("diagnosis/base/iter0")).unwrap();
+    fs::create_dir_all(folder.path("calibration/iter0")).unwrap();
+    for (call, other) in [
+        ("gl-calibrate case --out diagnosis", "a diagnosis in it (base/iter0)"),
+        ("gl-diagnose case --out calibration", "a calibration in it (iter0)"),
+    ] {
+        let output = folder.call(call, "");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(other) && said.contains("give another --out"), "{said}");
+    }
+}
+
+#[test]
 fn a_model_that_was_changed_is_said_and_one_that_takes_no_parameter_ends_at_once() {
     let folder = case_with_a_failing_corner();
     let model = folder.read("case/hard.awk");
