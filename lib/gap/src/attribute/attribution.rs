@@ -130,10 +130,11 @@ impl Explanation {
         self.closes >= MOST
     }
 
-    /// Whether the measurement is at least as likely under it as under another one: only what was believed beforehand, and
-    /// what effects lose that leave much, can put that first then.
+    /// Whether the measurement is as likely under it as under another one, or nearly as likely where it closes nearly all of the
+    /// gap: only what was believed beforehand, and what effects lose that leave much, can put that first then.
     pub fn is_as_likely_as(&self, other: &Self) -> bool {
-        self.evidence.ln >= other.evidence.ln
+        let behind = if self.closes >= NEARLY_ALL { NEARLY_AS_LIKELY } else { 0.0 };
+        self.evidence.ln >= other.evidence.ln - behind
     }
 
     /// Whether it fits with the noise that was stated.
@@ -224,6 +225,10 @@ impl Attribution {
 fn together<'a>(explanations: impl Iterator<Item = &'a Explanation>) -> f64 {
     explanations.map(|of| of.probability).sum::<f64>().min(1.0)
 }
+
+/// Share of the gap that one closes which need not be quite as likely as another to be as likely, and ln odds that it may be less.
+const NEARLY_ALL: f64 = 0.8;
+const NEARLY_AS_LIKELY: f64 = 3.0;
 
 /// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
 const CLOSE: f64 = 5.0;

@@ -88,8 +88,8 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
     (0..explanations.len()).map(near).collect()
 }
 
-/// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is as likely
-/// as with something unknown alone, likeliest first: only what was believed beforehand tells them apart.
+/// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is
+/// [as likely](Explanation::is_as_likely_as) as with something unknown alone, likeliest first: only what was believed beforehand tells them apart.
 fn as_likely(explanations: &[Explanation], unknown: &Explanation) -> Vec<usize> {
     let is_as_likely = |of: &Explanation| {
         of.hypothesis.len() == 1
@@ -205,6 +205,9 @@ mod tests {
         let alone = explanations.iter().position(|of| of.name == "wave").unwrap();
         assert_eq!(confounded_by(0.5, 0.6, 1.0, None), [alone]);
         assert!(confounded_by(-0.5, 0.6, -9.0, None).is_empty());
+        // One that closes nearly all need not be quite as likely.
+        assert_eq!(confounded_by(-2.5, 0.85, -9.0, None), [place]);
+        assert!(confounded_by(-3.5, 0.85, -9.0, None).is_empty());
         assert!(confounded_by(0.5, 0.4, -9.0, None).is_empty());
         assert!(confounded_by(0.5, 0.6, -9.0, Some(RuledOut::Misfit)).is_empty());
     }

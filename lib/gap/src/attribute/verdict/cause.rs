@@ -132,7 +132,8 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
     let beside = if of.has_rest { " beside something smaller" } else { "" };
     let odds = (of.evidence.ln - diagnosis.first().evidence.ln).exp();
     let times = match odds {
-        ..1.5 => String::new(),
+        ..0.67 => "nearly ".to_owned(),
+        0.67..1.5 => String::new(),
         1e3.. => "more than 1000 times ".to_owned(),
         _ => format!("{} times ", short(odds)),
     };
