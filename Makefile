@@ -132,7 +132,7 @@ man: build
 install: man
 	@install -d $(SHARE)/gl $(SHARE)/man/man1 $(SHARE)/bash-completion/completions $(SHARE)/zsh/site-functions \
 	 $(SHARE)/fish/vendor_completions.d $(DESTDIR)$(PREFIX)/bin
-	@install $(INSTALL_OPTIONS) $(TOOLS:%=$(BIN)/%) $(DESTDIR)$(PREFIX)/bin
+	@install --strip $(TOOLS:%=$(BIN)/%) $(DESTDIR)$(PREFIX)/bin
 	@cp -r scripts examples $(SHARE)/gl
 	@for tool in $(TOOLS); do \
 	     for kind in '' $$($(BIN)/$$tool --generate kinds | sed s/^/-/); do \
@@ -148,7 +148,7 @@ RELEASE := gl-$(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml)-x86_64-lin
 dist:
 	@rm -rf out/$(RELEASE)
 	@RUSTFLAGS='-C target-feature=+crt-static' $(MAKE) --no-print-directory install DESTDIR= PREFIX=out/$(RELEASE) \
-	 BIN=$(or $(CARGO_TARGET_DIR),target)/$(TARGET)/release INSTALL_OPTIONS=--strip BUILD_OPTIONS='--exclude pipelines --target $(TARGET)'
+	 BIN=$(or $(CARGO_TARGET_DIR),target)/$(TARGET)/release BUILD_OPTIONS='--exclude pipelines --target $(TARGET)'
 	@cp -r README.md CHANGELOG.md LICENSE-* docs out/$(RELEASE)
 	@tar -C out --sort=name --owner=0 --group=0 --numeric-owner -czf out/$(RELEASE).tar.gz.part $(RELEASE)
 	@tests/dist/check out/$(RELEASE).tar.gz.part

@@ -7,6 +7,7 @@ use std::time::SystemTime;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use gl_case::{Case, Engine, Test, suggestion};
 use gl_engine::batch_table::BatchTable;
+use gl_engine::embedded::simulator;
 use gl_engine::model::{Model, find_program, split_words, yade_script};
 use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{ByName, Observations, Steps};
@@ -351,11 +352,7 @@ fn check_model(case: &Case, engine: Engine, model: &str, prior: &Prior, test: &T
     };
     match engine {
         Engine::Embedded => {
-            let program = model.split_whitespace().next().unwrap_or_default();
-            if find_program(program).is_none() {
-                bail!("{}: no program {program} in PATH", place(case, "model.embedded"));
-            }
-            return Ok(());
+            return simulator(model, &case.folder).map(|_| ()).with_context(|| place(case, "model.embedded"));
         }
         Engine::Local => {}
         Engine::YadeBatch => needs("yade-batch", "apt-get install yade")?,

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Error, Result, ensure};
@@ -28,13 +28,21 @@ pub fn become_model(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Error 
     }
 }
 
+/// The program of an embedded simulator, and the arguments that it is given first.
+///
+/// # Errors
+/// If there is none, or a quote is not closed.
+pub fn simulator(model: &str, case: &Path) -> Result<(PathBuf, Vec<String>)> {
+    let mut words = command_words(model, case)?.into_iter();
+    let program = words.next().context("is empty; give a simulator such as gl-contact")?;
+    let path = if program.contains('/') { Some(PathBuf::from(&program)) } else { find_program(&program) };
+    let path = path.with_context(|| format!("no program {program} in PATH"))?;
+    ensure!(path.is_file(), "no program {program}");
+    Ok((path, words.collect()))
+}
+
 fn prepare(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Result<(RunFolder, Command)> {
-    let words = command_words(&call.model, &call.case)?;
-    let (program, arguments) =
-        words.split_first().context("MODEL is empty; give a simulator such as gl-contact")?;
-    let path = if program.contains('/') { Some(program.into()) } else { find_program(program) };
-    let path = path.with_context(|| format!("MODEL: no program {program} in PATH"))?;
-    ensure!(path.is_file(), "MODEL: no program {program}");
+    let (path, arguments) = simulator(&call.model, &call.case).context("MODEL")?;
     // What is on standard input can be read only once, by the model.
     if call.samples != Path::new("-") {
         BatchTable::read(&call.samples)?;

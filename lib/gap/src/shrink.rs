@@ -54,6 +54,9 @@ pub struct Shrink {
 
 const REPLICATES: usize = 499;
 
+/// What closes less by no measure is not said to close.
+const MOST: f64 = 0.5;
+
 /// Below this the interval is cut, unless the estimate lies there too.
 const LOWEST: f64 = -1.0;
 
@@ -373,12 +376,31 @@ pub fn add_observables(verdicts: &mut Verdicts, shrinks: &[Shrink], observables:
         let text = format!("In {name} it closes by {shrink} % ({low} to {high} %).");
         verdicts.add("closes-in", name, text);
     }
+    if let Some(closes) = by_noise(&shrinks[..observables.len()]).filter(|closes| is_open && *closes >= MOST)
+    {
+        let text = format!(
+            "With each observable in units of its noise and scatter it closes by {} %: those that are noisy over their range hide it.",
+            percent(closes)
+        );
+        verdicts.add("closes-by-noise", closes, text);
+    }
     for (name, of) in observables.iter().zip(shrinks).filter(|(_, of)| of.noise_scale != 1.0) {
         let times = of.noise_scale;
         let text =
             format!("The readings of {name} scatter {times:.2} times what was stated; that is no gap.");
         verdicts.add("noise-scale", times, text);
     }
+}
+
+/// How far the gap closes where each observable counts in units of its noise and scatter, and not in shares of its range; none
+/// where there is no noise, or no gap in these units.
+fn by_noise(observables: &[Shrink]) -> Option<f64> {
+    let in_units =
+        |gap: f64, floor: f64, of: &Shrink| (gap.powi(2) - floor.powi(2)) / of.floor_before.powi(2);
+    let before: f64 = observables.iter().map(|of| in_units(of.before, of.floor_before, of)).sum();
+    let after: f64 = observables.iter().map(|of| in_units(of.after, of.floor, of)).sum();
+    let closes = 1.0 - after.max(0.0) / before;
+    (before > 0.0 && closes.is_finite()).then_some(closes)
 }
 
 fn percent(share: f64) -> String {
@@ -420,12 +442,13 @@ pub fn verdict(all: &Shrink, is_unseen: bool) -> Verdicts {
     verdicts
 }
 
-/// Add whether the gap closed otherwise than was foretold, by the ends of that interval: then either the emulator or the box
+/// Add whether the gap closed otherwise than was foretold, by the ends of both intervals: then either the emulator or the box
 /// of the design did not hold where the model fits best.
 pub fn add_foretold(verdicts: &mut Verdicts, all: &Shrink, (low, high): (f64, f64)) {
     /// What emulators, and a noise that is counted otherwise, may make it differ by.
     const ALLOWED: f64 = 0.1;
-    if all.before > all.floor_before && !(low - ALLOWED..=high + ALLOWED).contains(&all.shrink) {
+    let is_apart = all.high < low - ALLOWED || all.low > high + ALLOWED;
+    if all.before > all.floor_before && is_apart {
         verdicts.add(
             "not-as-foretold",
             all.shrink,
@@ -463,8 +486,38 @@ mod tests {
             add_foretold(&mut verdicts, &all, foretold);
             verdicts.find("not-as-foretold").map(|said| said.text.clone())
         };
+        // Of a measured interval that is wide nothing is otherwise.
+        let wide = Shrink { low: 0.5, ..all };
+        let mut verdicts = Verdicts::default();
+        add_foretold(&mut verdicts, &wide, (0.41, 0.47));
+        assert!(verdicts.rows.is_empty());
         assert!(said((0.41, 0.47)).unwrap().starts_with("It was foretold to close by 41 to 47 %."));
         assert_eq!((said((0.41, 0.9)), said((0.96, 1.0))), (None, None));
+    }
+
+    #[test]
+    fn an_observable_that_is_noisy_over_its_range_does_not_hide_that_the_gap_closes_in_units_of_noise() {
+        let of = |before: f64, after: f64, floor: f64, [low, shrink]: [f64; 2]| Shrink {
+            before,
+            after,
+            floor_before: floor,
+            floor,
+            shrink,
+            low,
+            high: 1.0,
+            noise_scale: 1.0,
+        };
+        let said = |first_after: f64| {
+            let first = of(0.0043, first_after, 0.0016, [0.97, 1.0]);
+            let noisy = of(0.0153, 0.0169, 0.0123, [-1.0, -0.64]);
+            let all = of(0.0112, 0.012, 0.0088, [-1.0, -0.38]);
+            let mut verdicts = Verdicts::default();
+            add_observables(&mut verdicts, &[first, noisy, all], &["F", "h"].map(str::to_owned));
+            verdicts.find("closes-by-noise").map(|said| said.value.parse::<f64>().unwrap())
+        };
+        // (0.0043² − 0.0016²) / 0.0016² and (0.0153² − 0.0123²) / 0.0123² of the gap before, and so on after.
+        assert!((said(0.0016).unwrap() - (1.0 - 0.8878 / 6.7700)).abs() < 1e-3, "{:?}", said(0.0016));
+        assert_eq!(said(0.004), None);
     }
 
     /// Observations and two calibrations that miss them by `before` and `after`.

@@ -242,7 +242,9 @@ impl Content {
             code: first.code.clone(),
             value: first.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
-            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
+            // What an error of the rig makes stays in the gap, whatever is in the simulation.
+            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict))
+                && all.iter().all(|sentence| sentence.code != "rig"),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();

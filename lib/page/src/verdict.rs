@@ -62,11 +62,12 @@ fn sentence(text: &str, name: &str) -> String {
     }
 }
 
-/// Whether the gap may not close by an effect that was put in, in all observables together nor in a single one: the noise of
-/// others may hide one in which it does.
+/// Whether the gap may not close by an effect that was put in, in all observables together nor in a single one, nor by the
+/// noise of each: that of others may hide one in which it does.
 pub fn closes_nothing(said: &[Sentence]) -> bool {
     let is_said = |code: &str| said.iter().any(|sentence| sentence.code == code);
-    is_said("grows") || is_said("may-not-close") && !is_said("closes-in")
+    let is_open = is_said("grows") || is_said("may-not-close") && !is_said("closes-in");
+    is_open && !is_said("closes-by-noise")
 }
 
 /// Whether a code answers what a diagnosis was asked, so that it is said first.
@@ -92,6 +93,7 @@ mod tests {
         };
         assert!(said(&["may-not-close"]) && said(&["grows", "closes-in"]));
         assert!(!said(&["may-not-close", "closes-in"]) && !said(&["closes"]));
+        assert!(!said(&["grows", "closes-in", "closes-by-noise"]));
     }
 
     #[test]

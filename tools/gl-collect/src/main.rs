@@ -150,15 +150,16 @@ fn report(args: &Args, samples: &Samples, status: &Status) -> Result<()> {
         samples.names.iter().zip(status).filter_map(|(name, s)| Some((name, s.as_ref().err()?)));
     let Some((name, failure)) = failures.next() else { return Ok(()) };
     let failed = 1 + failures.count();
+    let reasons = args
+        .status
+        .as_ref()
+        .map_or_else(|| "--status FILE lists".to_owned(), |path| format!("{} has", path.display()));
     note("gl-collect", format_args!("{failed} of {total} runs failed; the first, {name}: {failure}"));
-    ensure!(
-        failed < total || args.allow_empty,
-        "all {total} runs failed; --status FILE lists the reason of each"
-    );
+    ensure!(failed < total || args.allow_empty, "all {total} runs failed; {reasons} the reason of each");
     ensure!(
         failed as f64 <= args.max_failed * total as f64,
         "{failed} of {total} runs failed, more than --max-failed {} allows; \
-         --status FILE lists the reason of each",
+         {reasons} the reason of each",
         args.max_failed
     );
     Ok(())

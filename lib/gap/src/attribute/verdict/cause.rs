@@ -230,12 +230,51 @@ fn add_effects(
         closes.median,
         format!("adding it should close {} %{interval} of the gap{units}", percent(closes.median)),
     );
+    add_errors_of_the_rig(verdicts, problem, first, is_settled);
     if base_fits(problem, diagnosis) {
         verdicts.add("base-fits", &effects, format!(
             "but the base model fits as well as noise and scatter allow: {effects} is more probable than not to be there, and nothing has to be explained by it"
         ));
     }
     Ok(())
+}
+
+/// What of the effects no simulation can have, and how large that is.
+fn add_errors_of_the_rig(
+    verdicts: &mut Verdicts,
+    problem: &Problem<'_>,
+    first: &Explanation,
+    is_settled: bool,
+) {
+    let is_of_the_rig = |name: &str| {
+        let named = problem.candidates.iter().find(|candidate| candidate.name() == name);
+        matches!(named, Some(Candidate::Measured(_)))
+    };
+    let of_the_rig: Vec<Marginal> =
+        marginals(problem, first).into_iter().filter(|of| is_of_the_rig(&of.name)).collect();
+    if of_the_rig.is_empty() {
+        return;
+    }
+    let names: Vec<&str> = of_the_rig.iter().map(|of| of.name.as_str()).collect();
+    let sizes: Vec<String> =
+        of_the_rig.iter().map(|of| format!("{} = {} ± {}", of.name, short(of.mean), short(of.sd))).collect();
+    let is_one = names.len() == 1;
+    let are = match (is_settled, is_one) {
+        (true, true) => "is an error",
+        (true, false) => "are errors",
+        (false, true) => "would be an error",
+        (false, false) => "would be errors",
+    };
+    let them = if is_one { "it" } else { "them" };
+    let stays = if first.hypothesis.len() > names.len() {
+        "; with the other effect alone in the simulation what it makes of the gap stays"
+    } else {
+        ""
+    };
+    verdicts.add("rig", names.join(","), format!(
+        "{} of the range {are} of the rig, which no simulation makes: correct the measurement for {them} and calibrate again{stays}",
+        sizes.join(" and ")
+    ));
 }
 
 #[cfg(test)]
@@ -260,6 +299,24 @@ mod tests {
         let mut verdicts = Verdicts::default();
         add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
         verdicts.rows.remove(0).text
+    }
+
+    #[test]
+    fn an_error_of_the_rig_is_told_with_its_size_to_be_corrected() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let said = |first: &str| {
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations.sort_by_key(|of| of.name != first);
+            let mut verdicts = Verdicts::default();
+            add_errors_of_the_rig(&mut verdicts, &problem, diagnosis.first(), true);
+            verdicts.rows.pop().map(|said| (said.value, said.text))
+        };
+        assert_eq!(said("wave"), None);
+        let (value, text) = said("offset(y)").unwrap();
+        assert_eq!(value, "offset(y)");
+        assert!(text.starts_with("offset(y) = ") && text.ends_with("for it and calibrate again"), "{text}");
     }
 
     #[test]
