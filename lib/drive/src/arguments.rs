@@ -37,6 +37,7 @@ impl Request {
             "{}: is no folder of a case; CASE comes first",
             self.case.display()
         );
+        ensure!(!self.case.is_file(), "{}: is a file; give the folder that it is in", self.case.display());
         Case::load(&self.case, &self.given)
     }
 

@@ -176,6 +176,25 @@ pub(crate) fn ready(
     Ok((prior, observations))
 }
 
+/// See to it that something is measured of which a gap can be told, before the runs that are to explain it.
+///
+/// # Errors
+/// If an observable is the same at every step: a gap is a share of what it varies by.
+pub(crate) fn varies(observations: &[Observations]) -> Result<()> {
+    for of in observations {
+        let same = of.values.iter().position(|values| values.iter().all(|value| *value == values[0]));
+        if let Some(same) = same {
+            bail!(
+                "{}: {} does not vary over its {}, so that no gap in it can be told; give more of it, or leave it out of observables",
+                of.source,
+                of.names[same],
+                counted(of.steps(), "reading")
+            );
+        }
+    }
+    Ok(())
+}
+
 /// Check all of a case that runs depend on: the parameters and the measurement.
 fn check(case: &Case, engine: Engine, model: &str) -> Result<(Prior, Vec<Observations>)> {
     let mut problems = Problems::default();

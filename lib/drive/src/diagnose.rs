@@ -52,7 +52,8 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
         "{}: commas part the tables that gl-gap-shrink takes; choose a folder without",
         out.display()
     );
-    let (prior, _) = check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    let (prior, observations) = check::ready(&case, (engine, model), &out, |plan| plan.diagnosis())?;
+    check::varies(&observations)?;
     ensure!(
         !(prior.effects().is_empty() && case.measurement.is_empty()),
         "{}: there is no candidate to explain a gap with; name the effect of a parameter in the column effect, with its value in off, or errors of the rig in measurement of {}",

@@ -624,6 +624,19 @@ fn a_disk_that_takes_no_draws_ends_a_calibration_and_changes_nothing_of_it() {
 }
 
 #[test]
+fn an_observable_that_does_not_vary_ends_a_diagnosis_before_the_first_run() {
+    let folder = case_with_a_failing_corner();
+    folder.write("case/obs.txt", "eps q\n0.05 300\n");
+    let output = folder.call("gl-diagnose case --out out measurement=offset", "");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("obs.txt: q does not vary over its 1 reading"), "{said}");
+    assert!(!folder.path("out").exists());
+    let output = folder.call("gl-check case/case.toml", "");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("give the folder that it is in"));
+}
+
+#[test]
 fn a_calibration_and_a_diagnosis_do_not_go_into_one_folder() {
     let folder = case_with_a_failing_corner();
     fs::create_dir_all(folder.path("diagnosis/base/iter0")).unwrap();
