@@ -39,7 +39,6 @@ const DOUBTS: &[&str] = &[
     "noise-too-large",
     "scatter-too-large",
     "too-few-inside",
-    "loo-unreliable",
     // of gl-gap-attribute
     "base-fits",
     "next",
