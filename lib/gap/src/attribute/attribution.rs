@@ -130,11 +130,15 @@ impl Explanation {
         self.closes >= MOST
     }
 
-    /// Whether the measurement is as likely under it as under another one, or nearly as likely where it closes nearly all of the
-    /// gap: only what was believed beforehand, and what effects lose that leave much, can put that first then.
+    /// Whether the measurement is at least as likely under it as under another one: only what was believed beforehand, and
+    /// what effects lose that leave much, can put that first then.
     pub fn is_as_likely_as(&self, other: &Self) -> bool {
-        let behind = if self.closes >= NEARLY_ALL { NEARLY_AS_LIKELY } else { 0.0 };
-        self.evidence.ln >= other.evidence.ln - behind
+        self.evidence.ln >= other.evidence.ln
+    }
+
+    /// The same of one that closes nearly all of the gap, where the measurement is nearly as likely.
+    pub fn is_nearly_as_likely_as(&self, other: &Self) -> bool {
+        self.closes >= NEARLY_ALL && self.evidence.ln >= other.evidence.ln - NEARLY_AS_LIKELY
     }
 
     /// Whether it fits with the noise that was stated.

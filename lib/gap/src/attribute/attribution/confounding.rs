@@ -89,13 +89,13 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
 }
 
 /// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is
-/// [as likely](Explanation::is_as_likely_as) as with something unknown alone, likeliest first: only what was believed beforehand tells them apart.
+/// as likely as with something unknown alone, or nearly as likely where they close nearly all, likeliest first: only what was believed beforehand tells them apart.
 fn as_likely(explanations: &[Explanation], unknown: &Explanation) -> Vec<usize> {
     let is_as_likely = |of: &Explanation| {
         of.hypothesis.len() == 1
             && !matches!(of.ruled_out, Some(RuledOut::Misfit | RuledOut::Invisible))
             && of.closes_most()
-            && of.is_as_likely_as(unknown)
+            && (of.is_as_likely_as(unknown) || of.is_nearly_as_likely_as(unknown))
     };
     let mut places: Vec<usize> =
         (0..explanations.len()).filter(|&place| is_as_likely(&explanations[place])).collect();
