@@ -2,10 +2,10 @@ use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::SystemTime;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use gl_table::{Sink, Table, TableWriter};
 
 /// Tools that write their conclusions as a table.
@@ -138,7 +138,7 @@ impl Runner {
             Some(0) => Ok(true),
             Some(_) if is_of_the_system(&said(log, before)) => {
                 show(log, before);
-                bail!("{} failed ({status}); its call is the last one in {}", call.tool, self.log.display())
+                Err(self.failed(call.tool, status))
             }
             Some(_) => Ok(false),
             None => bail!("{} was killed ({status})", call.tool),
@@ -169,9 +169,14 @@ impl Runner {
                 if let Some((path, before)) = kept {
                     show(path, before);
                 }
-                bail!("{tool} failed ({status}); its call is the last one in {}", self.log.display())
+                Err(self.failed(tool, status))
             }
         }
+    }
+
+    /// That a tool failed, and where to look.
+    fn failed(&self, tool: &str, status: ExitStatus) -> Error {
+        anyhow!("{tool} failed ({status}); its call is the last one in {}", self.log.display())
     }
 
     /// Add a line to the log.

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
+use super::attribute::attribution::MOST;
 use super::hat::Hat;
 use super::noise::{Noise, OTHER_NOISE, check_steps, scale, standard_normal, white_variance};
 use super::residual::{gap, spread};
@@ -53,9 +54,6 @@ pub struct Shrink {
 }
 
 const REPLICATES: usize = 499;
-
-/// What closes less by no measure is not said to close.
-const MOST: f64 = 0.5;
 
 /// Below this the interval is cut, unless the estimate lies there too.
 const LOWEST: f64 = -1.0;

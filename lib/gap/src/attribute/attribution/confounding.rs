@@ -88,8 +88,9 @@ pub fn confounded(problem: &Problem<'_>, explanations: &[Explanation]) -> Result
     (0..explanations.len()).map(near).collect()
 }
 
-/// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is
-/// as likely as with something unknown alone, or nearly as likely where they close nearly all, likeliest first: only what was believed beforehand tells them apart.
+/// The single effects that close half of the gap or more, and with which, beside a rest or not, the measurement is as likely
+/// as with something unknown alone, or nearly as likely where they close nearly all, likeliest first: only what was believed
+/// beforehand tells them apart.
 fn as_likely(explanations: &[Explanation], unknown: &Explanation) -> Vec<usize> {
     let is_as_likely = |of: &Explanation| {
         of.hypothesis.len() == 1

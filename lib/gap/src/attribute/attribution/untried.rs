@@ -74,11 +74,11 @@ pub fn untried(problem: &Problem<'_>, explanations: &[Explanation]) -> Vec<Untri
             return Some(Untried { place, ignorance, closes: of.closes, elsewhere: None });
         }
         let base = base.as_ref().filter(|_| is_asked_elsewhere(of))?;
-        let (places, known) = match &imitated {
-            Some(imitated) => (imitated.by(&of.hypothesis), SAME),
-            None => (nearest(problem, &of.hypothesis).into_iter().collect(), KNOWN),
-        };
-        places.into_iter().find_map(|mode| there(problem, place, (of, mode), (base, known)))
+        let unknown_to = |known: f64| move |mode: Mode| there(problem, place, (of, mode), (base, known));
+        match &imitated {
+            Some(imitated) => imitated.by(&of.hypothesis, unknown_to(SAME)),
+            None => nearest(problem, &of.hypothesis).and_then(unknown_to(KNOWN)),
+        }
     };
     asked.into_par_iter().filter_map(untried).collect()
 }
@@ -112,21 +112,24 @@ impl<'a> Imitated<'a> {
         Self { ln_density, nuisances: best[own.curve_parameters()..].to_vec(), problem: aimed }
     }
 
-    /// Where another effect would do the same, by what the emulator knows and does not know: where it most likely does, then
-    /// along what its parameters trade there, likeliest first. None of these is out of the question.
-    fn by(&self, hypothesis: &[usize]) -> Vec<Mode> {
+    /// What is found first where another effect would do the same, by what the emulator knows and does not know: where it most
+    /// likely does, then along what its parameters trade there, likeliest first. None of these is out of the question.
+    fn by<T>(&self, hypothesis: &[usize], find: impl Fn(Mode) -> Option<T>) -> Option<T> {
         let model = Model::new(&self.problem, hypothesis, false);
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let Some(likeliest) = likeliest(&model, &self.nuisances, &mut random) else { return Vec::new() };
         let ahead = |mode: Mode| {
             let ln = ln_density(&model, mode.w.as_slice());
             (self.ln_density - ln < COINCIDENCE).then_some((ln, mode))
         };
+        let (_, likeliest) = ahead(likeliest(&model, &self.nuisances, &mut random)?)?;
+        let found = find(likeliest.clone());
+        if found.is_some() {
+            return found;
+        }
         let along = likeliest.drawn_about(model.curve_parameters(), ALONG, WIDER, &mut random);
-        let Some((_, likeliest)) = ahead(likeliest) else { return Vec::new() };
         let mut along: Vec<(f64, Mode)> = along.into_iter().filter_map(ahead).collect();
         along.sort_by(|a, b| b.0.total_cmp(&a.0));
-        std::iter::once(likeliest).chain(along.into_iter().map(|(_, mode)| mode)).collect()
+        along.into_iter().find_map(|(_, mode)| find(mode))
     }
 }
 
@@ -281,7 +284,7 @@ mod tests {
         let first = explanations[0].model(&problem).mean(explanations[0].best());
         let rival = explanations.iter().find(|of| of.name == "wave").unwrap();
         let model = rival.model(&problem);
-        let there = Imitated::of(&explanations[0], &problem).by(&rival.hypothesis).remove(0);
+        let there = Imitated::of(&explanations[0], &problem).by(&rival.hypothesis, Some).unwrap();
         let in_place = rms(&model.mean(there.w.as_slice()), &first);
         let fitted = rms(&model.mean(rival.best()), &first);
         assert!(in_place < 0.3 * fitted, "{in_place} {fitted}");
@@ -291,7 +294,7 @@ mod tests {
         let mut explanations = attribute(&problem, 1, 1).unwrap().explanations;
         explanations.sort_by_key(|of| of.name != "wave");
         let none = explanations.iter().find(|of| of.name == "none").unwrap();
-        assert!(Imitated::of(&explanations[0], &problem).by(&none.hypothesis).is_empty());
+        assert!(Imitated::of(&explanations[0], &problem).by(&none.hypothesis, Some).is_none());
     }
 
     #[test]
@@ -307,10 +310,11 @@ mod tests {
             // Where it fits best it is known, whatever b is there.
             explanations.iter_mut().for_each(|of| of.is_vague = false);
             let rival = explanations.iter().position(|of| of.name == "wave").unwrap();
-            let places = Imitated::of(&explanations[0], &problem).by(&explanations[rival].hypothesis);
+            let imitated = Imitated::of(&explanations[0], &problem);
+            let likeliest = imitated.by(&explanations[rival].hypothesis, Some).unwrap();
             let b = |mode: &Mode| 1.0 + 0.5 * mode.w[1];
             let untried = untried(&problem, &explanations);
-            (b(&places[0]), untried.first().map(|of| b(of.elsewhere.as_ref().unwrap())))
+            (b(&likeliest), untried.first().map(|of| b(of.elsewhere.as_ref().unwrap())))
         };
         let (likeliest, asked) = found(f64::INFINITY);
         assert!(asked.is_none());

@@ -288,10 +288,9 @@ impl Mode {
         random: &mut ChaCha8Rng,
     ) -> Vec<Self> {
         let spread = self.covariance.view((0, 0), (curve_parameters, curve_parameters)).into_owned();
-        let Some(factor) = Cholesky::new(spread) else { return Vec::new() };
+        let Some(factor) = Cholesky::new(spread).map(Cholesky::unpack) else { return Vec::new() };
         let drawn = |_| {
-            let step =
-                factor.l() * DVector::from_fn(curve_parameters, |_, _| wider * standard_normal(random));
+            let step = &factor * DVector::from_fn(curve_parameters, |_, _| wider * standard_normal(random));
             let mut place = self.clone();
             place.w.rows_mut(0, curve_parameters).add_assign(&step);
             place

@@ -142,12 +142,7 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
         percent(of.closes)
     ));
     let base = problem.prior.base().len();
-    let sizes: Vec<String> = marginals(problem, of)
-        .into_iter()
-        .skip(base)
-        .map(|Marginal { name, mean, sd, .. }| format!("{name} = {} ± {}", short(mean), short(sd)))
-        .collect();
-    let sizes = sizes.join(", ");
+    let sizes = marginals(problem, of).iter().skip(base).map(size).collect::<Vec<_>>().join(", ");
     let told = match of.hypothesis.first().map(|&candidate| &problem.candidates[candidate]) {
         Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} of the range has to show"),
         _ => format!("a test under other conditions would, where {effect} has to show with {sizes}"),
@@ -239,6 +234,11 @@ fn add_effects(
     Ok(())
 }
 
+/// How large something is.
+fn size(Marginal { name, mean, sd, .. }: &Marginal) -> String {
+    format!("{name} = {} ± {}", short(*mean), short(*sd))
+}
+
 /// What of the effects no simulation can have, and how large that is.
 fn add_errors_of_the_rig(
     verdicts: &mut Verdicts,
@@ -256,8 +256,7 @@ fn add_errors_of_the_rig(
         return;
     }
     let names: Vec<&str> = of_the_rig.iter().map(|of| of.name.as_str()).collect();
-    let sizes: Vec<String> =
-        of_the_rig.iter().map(|of| format!("{} = {} ± {}", of.name, short(of.mean), short(of.sd))).collect();
+    let sizes: Vec<String> = of_the_rig.iter().map(size).collect();
     let is_one = names.len() == 1;
     let are = match (is_settled, is_one) {
         (true, true) => "is an error",
