@@ -26,6 +26,33 @@ pub struct Request {
     pub given: Vec<String>,
 }
 
+/// What a folder of results is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Results {
+    /// A calibration.
+    Calibration,
+    /// A diagnosis.
+    Diagnosis,
+}
+
+impl Results {
+    /// What its folder is called by, behind the name of the case.
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Calibration => "",
+            Self::Diagnosis => "-diagnosis",
+        }
+    }
+
+    /// The other kind, and what is in a folder of that alone.
+    fn other(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Calibration => ("diagnosis", "base/iter0"),
+            Self::Diagnosis => ("calibration", "iter0"),
+        }
+    }
+}
+
 impl Request {
     /// Read the case, with the settings of this call.
     ///
@@ -41,11 +68,11 @@ impl Request {
         Case::load(&self.case, &self.given)
     }
 
-    /// Where the results go: `out/NAME-OF-CASE-FOLDER` and `suffix` if nothing was said.
+    /// Where the results go: `out/NAME-OF-CASE-FOLDER`, of a diagnosis with `-diagnosis` behind it, if nothing was said.
     ///
     /// # Errors
     /// If the folder of the case has no name.
-    pub fn folder(&self, suffix: &str) -> Result<PathBuf> {
+    pub fn folder(&self, of: Results) -> Result<PathBuf> {
         if let Some(out) = &self.out {
             return Ok(out.clone());
         }
@@ -54,18 +81,17 @@ impl Request {
             bail!("{}: has no name to call the results by; give --out", folder.display())
         };
         let mut name = name.to_owned();
-        name.push(suffix);
+        name.push(of.suffix());
         Ok(Path::new("out").join(name))
     }
 
-    /// The folder of what is to be done, if there is none of the other kind in it, whose files would be mixed with its own.
-    ///
-    /// * `mark` — what is in a folder of the other kind alone.
+    /// The same, if there are no results of the other kind in it, whose files would be mixed with its own.
     ///
     /// # Errors
-    /// If there is one, or the folder of the case has no name.
-    pub(crate) fn own_folder(&self, suffix: &str, mark: &str, other: &str) -> Result<PathBuf> {
-        let out = self.folder(suffix)?;
+    /// If there are some, or the folder of the case has no name.
+    pub fn own_folder(&self, of: Results) -> Result<PathBuf> {
+        let out = self.folder(of)?;
+        let (other, mark) = of.other();
         ensure!(
             !out.join(mark).exists(),
             "{}: has a {other} in it ({mark}), with which this would be mixed; give another --out",

@@ -14,7 +14,7 @@ use gl_engine::lock::OutLock;
 use gl_table::Table;
 use gl_table::verdict::{Verdicts, is_doubt};
 
-use crate::arguments::Request;
+use crate::arguments::{Request, Results};
 use crate::check;
 use crate::step::{Call, Runner, copy, join, show};
 use crate::{Progress, words};
@@ -60,7 +60,7 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
     let case = request.load()?;
     let known = known.map(|folder| Known::new(&case, folder)).transpose()?;
     let (engine, model) = case.engine(request.engine)?;
-    let out = request.own_folder("", "base/iter0", "diagnosis")?;
+    let out = request.own_folder(Results::Calibration)?;
     let (prior, observations) = check::ready(&case, (engine, model), &out, |plan| plan.calibration())?;
     if let Some((_, text)) = check::untold_noise(&case, &prior, &observations)? {
         gl_cli::note("gl-calibrate", text);

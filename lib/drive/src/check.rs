@@ -15,7 +15,7 @@ use gl_inference::prior::Prior;
 use gl_inference::samples::{check_parameter_name, sample_names};
 use gl_table::verdict::Verdicts;
 
-use crate::arguments::Request;
+use crate::arguments::{Request, Results};
 use crate::columns::within;
 use crate::forecast::Plan;
 use crate::step::time;
@@ -63,8 +63,8 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
             format!("no run has {{{name}}} in its command, so that it changes nothing"),
         );
     }
-    let out = request.folder("")?;
-    plan.forecast(&out, &request.folder("-diagnosis")?, &mut verdicts)?;
+    let out = request.folder(Results::Calibration)?;
+    plan.forecast(&out, &request.folder(Results::Diagnosis)?, &mut verdicts)?;
     let runs = if prior.effects().is_empty() { plan.calibration() } else { plan.diagnosis() };
     let (needed, free) = plan.room(runs, &out)?;
     let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");

@@ -20,7 +20,7 @@ use gl_table::verdict::Verdicts;
 use gl_table::{Table, TableWriter};
 
 use crate::Progress;
-use crate::arguments::Request;
+use crate::arguments::{Request, Results};
 use crate::calibrate::{RUNS_WEIGHTS, alone};
 use crate::check;
 use crate::columns::{Which, ensembles, measured, units};
@@ -46,7 +46,7 @@ pub(crate) struct Diagnosis<'a> {
 pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     let case = request.load()?;
     let (engine, model) = case.engine(request.engine)?;
-    let out = request.own_folder("-diagnosis", "iter0", "calibration")?;
+    let out = request.own_folder(Results::Diagnosis)?;
     ensure!(
         !out.as_os_str().as_encoded_bytes().contains(&b','),
         "{}: commas part the tables that gl-gap-shrink takes; choose a folder without",
@@ -254,6 +254,13 @@ impl Diagnosis<'_> {
             self.must(&unseen, "shrink-unseen.log")?;
         }
         let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &effects).unwrap_or(false));
+        if let Some(rig) = self.attributed()?.1.find("rig") {
+            let text = format!(
+                "{} is still in the measurement that the model with {effects} is calibrated on: what it makes of the gap stays until that is corrected",
+                rig.value
+            );
+            gl_cli::note("gl-diagnose", text);
+        }
         let call = call.option("--foretold", foretold.map(|table| table.display().to_string()));
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;
         Ok(Progress::Finished)

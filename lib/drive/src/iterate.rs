@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use crate::arguments::Request;
+use crate::arguments::{Request, Results};
 use crate::calibrate::iteration::{Iteration, Setting};
 use crate::calibrate::{alone, say};
 use crate::check;
@@ -26,7 +26,7 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
     check::check_tables(&case)?;
     ensure!(samples.is_file(), "{}: no such samples table", samples.display());
     ensure!(runs.is_dir(), "{}: no such folder of runs", runs.display());
-    let out = request.folder("")?;
+    let out = request.own_folder(Results::Calibration)?;
     let folder = out.join(format!("iter{number}"));
     let before = number.checked_sub(1).map(|before| (before, out.join(format!("iter{before}/stop.code"))));
     if let Some((before, done)) = before {

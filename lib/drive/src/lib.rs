@@ -15,7 +15,7 @@ pub mod iterate;
 mod step;
 pub mod words;
 
-pub use arguments::Request;
+pub use arguments::{Request, Results};
 
 /// How far a driver has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

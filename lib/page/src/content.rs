@@ -237,22 +237,31 @@ impl Content {
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
         let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
+        // What an error of the rig makes stays in the gap, whatever is in the simulation.
+        let rig = all.iter().find(|sentence| sentence.code == "rig").map(|sentence| sentence.value.clone());
         let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
         self.answer = first.map(|first| Answer {
             code: first.code.clone(),
             value: first.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
-            // What an error of the rig makes stays in the gap, whatever is in the simulation.
-            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict))
-                && all.iter().all(|sentence| sentence.code != "rig"),
+            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)) && rig.is_none(),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
-        self.doubts = all.iter().filter(is_doubt).map(say).collect();
+        let is_of_the_error = |sentence: &&&Sentence| {
+            rig.is_some() && matches!(sentence.code.as_str(), "may-not-close" | "grows")
+        };
+        self.doubts = all.iter().filter(is_doubt).filter(|of| !is_of_the_error(of)).map(say).collect();
         let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), has_gap));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
-            let doubts = measured.stage.doubts(Some(&format!("the model with {}", closed.with)), false);
-            self.doubts.extend(doubts);
+            let model = format!("model with {}", closed.with);
+            self.doubts.extend(match rig {
+                Some(error) => vec![format!(
+                    "The {model} was calibrated on a measurement that still has {error} in it: it misses that, its parameters may be off \
+                     by it, and how far the gap closes is to be seen once the measurement is corrected."
+                )],
+                None => measured.stage.doubts(Some(&format!("the {model}")), false),
+            });
         }
     }
 }

@@ -644,6 +644,8 @@ fn a_calibration_and_a_diagnosis_do_not_go_into_one_folder() {
     for (call, other) in [
         ("gl-calibrate case --out diagnosis", "a diagnosis in it (base/iter0)"),
         ("gl-diagnose case --out calibration", "a calibration in it (iter0)"),
+        ("gl-submit case --diagnose --out calibration", "a calibration in it (iter0)"),
+        ("gl-iterate case case/params.txt case --out diagnosis", "a diagnosis in it (base/iter0)"),
     ] {
         let output = folder.call(call, "");
         let said = String::from_utf8_lossy(&output.stderr);

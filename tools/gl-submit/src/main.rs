@@ -8,8 +8,8 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use gl_case::Engine;
-use gl_drive::Request;
 use gl_drive::calibrate::{done, from_one};
+use gl_drive::{Request, Results};
 use gl_engine::control::{Control, Record, forgive, is_begun};
 use gl_engine::lock::OutLock;
 use gl_engine::scheduler::{Patience, Scheduler, of_engine};
@@ -60,7 +60,8 @@ fn say(text: &str) {
 }
 
 fn run(args: &Args) -> Result<()> {
-    let out = args.request.folder(if args.diagnose { "-diagnosis" } else { "" })?;
+    let out =
+        args.request.own_folder(if args.diagnose { Results::Diagnosis } else { Results::Calibration })?;
     let earlier = Record::read(&out)?;
     let mut record = Record {
         engine: args.request.engine.or(earlier.as_ref().map(|it| it.engine)).unwrap_or(Engine::Slurm),

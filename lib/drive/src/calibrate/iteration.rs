@@ -194,7 +194,9 @@ impl<'a> Iteration<'a> {
         }
         let earlier: Vec<PathBuf> = (0..self.number).map(|i| self.setting.folder_of(i, test)).collect();
         let log = folder.join("collect.log");
-        collect(runner, case, test, &folder, &earlier, Messages::Kept(&log))?;
+        let known = self.setting.known.as_ref().map_or(0, |known| known.runs);
+        let before = Before { folders: &earlier, known };
+        collect(runner, case, test, &folder, &before, Messages::Kept(&log))?;
         show(&log, 0);
         Ok(true)
     }
@@ -410,46 +412,78 @@ pub(crate) fn run(
     }
 }
 
-/// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`; beside those of `earlier` folders, all of them may
-/// have failed.
+/// What has run before a batch.
+pub(crate) struct Before<'a> {
+    /// Folders of earlier batches.
+    pub(crate) folders: &'a [PathBuf],
+    /// Runs that were there before the first of them.
+    pub(crate) known: usize,
+}
+
+impl Before<'_> {
+    fn is_nothing(&self) -> bool {
+        self.folders.is_empty() && self.known == 0
+    }
+}
+
+/// Collect the runs of `samples.txt` of a folder into its `ensemble.txt`; beside those of before, all of them may have
+/// failed.
 pub(crate) fn collect(
     runner: &Runner,
     case: &Case,
     test: &Test,
     folder: &Path,
-    earlier: &[PathBuf],
+    before: &Before<'_>,
     messages: Messages<'_>,
 ) -> Result<()> {
     let mut call = Call::new("gl-collect").flag("-s", folder.join("samples.txt"));
-    if !earlier.is_empty() {
+    if !before.is_nothing() {
         call = call.arg("--allow-empty");
     }
     let call = simulated(call, test)
-        .option("--max-failed", Some(if earlier.is_empty() { case.max_failed } else { 1.0 }))
+        .option("--max-failed", Some(if before.is_nothing() { case.max_failed } else { 1.0 }))
         .flag("--status", folder.join("status.txt"))
         .flag("-o", folder.join("ensemble.txt"))
         .arg(folder.join("runs"));
     runner.must(&call, messages)?;
-    if !earlier.is_empty() {
-        not_too_many_failed(case, earlier, folder)?;
+    if !before.is_nothing() {
+        not_too_many_failed(case.max_failed, before, folder)?;
     }
     Ok(())
 }
 
 /// See to it that of all runs so far no more failed than the case allows: those that are asked for one by one may all lie
 /// where the simulation does not run, which the next ones keep away from.
-fn not_too_many_failed(case: &Case, earlier: &[PathBuf], newest: &Path) -> Result<()> {
-    let (mut all, mut failed) = (0, 0);
-    for folder in earlier.iter().map(PathBuf::as_path).chain([newest]) {
+fn not_too_many_failed(max_failed: f64, before: &Before<'_>, newest: &Path) -> Result<()> {
+    let (mut all, mut failed) = (before.known, 0);
+    for folder in before.folders.iter().map(PathBuf::as_path).chain([newest]) {
         all += Samples::read(&folder.join("samples.txt"))?.len();
         failed += RunStatus::failed(&folder.join("status.txt"))?.len();
     }
     ensure!(
-        failed as f64 <= case.max_failed * all as f64,
-        "{failed} of {all} runs so far failed, more than max_failed = {} allows; {} has the reason of each: narrow the bounds to \
+        failed as f64 <= max_failed * all as f64,
+        "{failed} of {all} runs so far failed, more than max_failed = {max_failed} allows; {} has the reason of each: narrow the bounds to \
          where the simulation runs, or begin with more runs, num=…",
-        case.max_failed,
         newest.join("status.txt").display()
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn runs_that_were_there_before_count_among_those_of_which_some_may_fail() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("samples.txt"), "sample\ta\ns0\t1\ns1\t2\ns2\t3\n").unwrap();
+        let status = "sample\tstatus\tdetail\ns0\tmissing\t-\ns1\tmissing\t-\ns2\tok\t-\n";
+        std::fs::write(folder.path().join("status.txt"), status).unwrap();
+        let judged = |known| not_too_many_failed(0.5, &Before { folders: &[], known }, folder.path());
+        assert!(judged(1).is_ok());
+        let said = judged(0).unwrap_err().to_string();
+        assert!(said.starts_with("2 of 3 runs so far failed, more than max_failed = 0.5 allows"), "{said}");
+    }
 }

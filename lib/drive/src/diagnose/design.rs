@@ -28,7 +28,7 @@ use super::{Diagnosis, FORETOLD, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
-use crate::calibrate::iteration::{collect, give, in_each_test, run};
+use crate::calibrate::iteration::{Before, collect, give, in_each_test, run};
 use crate::columns::{Which, list, measured, of_test, runs_of_design, units, within};
 use crate::step::{Call, Messages, Wanted, copy, is_current, join, make_folder, show, touch};
 
@@ -338,7 +338,8 @@ impl Round<'_> {
         }
         let earlier: Vec<PathBuf> =
             (0..self.number).map(|number| within(&self.diagnosis.round(number), test)).collect();
-        collect(runner, case, test, &folder, &earlier, Messages::Shown)?;
+        let before = Before { folders: &earlier, known: 0 };
+        collect(runner, case, test, &folder, &before, Messages::Shown)?;
         Ok(true)
     }
 

@@ -225,11 +225,13 @@ impl Inference {
             _ => "this is counted with",
         };
         for (name, correlation) in self.correlations() {
+            // Where it is not counted with, none is found.
+            let size = if correlation > 0.0 { format!(" ({correlation:.2})") } else { String::new() };
             verdicts.add(
                 "noise-correlated",
                 name,
                 format!(
-                    "the residuals of {name} are correlated from step to step ({correlation:.2}); {counted}. Noise that is not \
+                    "the residuals of {name} are correlated from step to step{size}; {counted}. Noise that is not \
                      white looks so, and so does a model that misses the measurement"
                 ),
             );

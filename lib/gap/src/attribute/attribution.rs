@@ -48,6 +48,11 @@ pub const UNEXPLAINED: &str = "unexplained";
 /// Share of the gap that a cause closes at the least: what closes less is a part of what is behind it.
 pub const MOST: f64 = 0.5;
 
+/// The same of what closes nearly all of it, and ln odds by which the measurement may be less likely with that than with
+/// something else, and nearly as likely.
+const NEARLY_ALL: f64 = 0.8;
+const NEARLY_AS_LIKELY: f64 = 3.0;
+
 /// One hypothesis after the measurement.
 #[derive(Clone, Debug)]
 pub struct Explanation {
@@ -229,10 +234,6 @@ impl Attribution {
 fn together<'a>(explanations: impl Iterator<Item = &'a Explanation>) -> f64 {
     explanations.map(|of| of.probability).sum::<f64>().min(1.0)
 }
-
-/// Share of the gap that one closes which need not be quite as likely as another to be as likely, and ln odds that it may be less.
-const NEARLY_ALL: f64 = 0.8;
-const NEARLY_AS_LIKELY: f64 = 3.0;
 
 /// Hypotheses within this of the most probable one (natural logarithm) are asked whether they fit.
 const CLOSE: f64 = 5.0;

@@ -5,10 +5,11 @@
 
 use std::cmp::Reverse;
 
-use crate::attribute::attribution::{BEHIND, Explanation, RuledOut};
+use crate::attribute::attribution::{BEHIND, Explanation, NEARLY_ALL, RuledOut};
 use crate::attribute::evidence::adequacy::INADEQUATE;
 use crate::attribute::evidence::model::SD_OF_LN_NOISE;
 use crate::attribute::problem::hypothesis::is_part;
+use crate::noise::OTHER_NOISE;
 
 /// What is kept of the probability of effects by the share of the gap that they close by themselves; in between in
 /// proportion. What closes little is no part of the cause, and explains nothing where it is alone. What closes half beside
@@ -35,7 +36,7 @@ const LEAVES_MUCH: [(f64, f64); 3] = [(0.35, 2.0), (0.5, 6.0), (0.7, 0.0)];
 /// ln odds over something unknown alone that a single effect beside a rest gains, by the share of the gap that it closes. A
 /// smooth effect is hardly likelier than a rest of its own, which may be of any smooth form, and evidence does not see that what
 /// is no candidate seldom has nearly the form of one.
-const CLOSES_NEARLY_ALL: [(f64, f64); 2] = [(0.7, 0.0), (0.8, 2.0)];
+const CLOSES_NEARLY_ALL: [(f64, f64); 2] = [(0.7, 0.0), (NEARLY_ALL, 2.0)];
 
 /// The share of both that it has by that at the most: likelier than not, and not settled.
 const LIKELY: f64 = 0.75;
@@ -94,11 +95,22 @@ impl Explanation {
         self.kept_ahead_of(unknown) >= 1.0
     }
 
-    /// Whether something unknown alone is no rival to it: it has no rest, closes nearly all beside one, or is well ahead. An
+    /// Whether something unknown alone is no rival to it: it needs no rest, closes nearly all beside one, or is well ahead. An
     /// error of the measurement may be well ahead and a part of something unknown.
     pub fn is_clear_of(&self, unknown: &Self) -> bool {
         let is_well_ahead = || !self.is_of_the_rig && self.ahead_of(unknown) > BEHIND;
-        !self.has_rest || along(&CLOSES, self.closes) >= 1.0 || is_well_ahead()
+        let leaves_nothing = if self.has_rest {
+            along(&CLOSES, self.closes) >= 1.0
+        } else {
+            !self.has_noise_for_a_rest(unknown)
+        };
+        leaves_nothing || is_well_ahead()
+    }
+
+    /// Whether it does without a rest by more noise than was stated, and than something unknown needs: such a noise may be a
+    /// rest by another name.
+    pub fn has_noise_for_a_rest(&self, unknown: &Self) -> bool {
+        !self.has_rest && self.has_more_noise() && self.noise_scale > OTHER_NOISE * unknown.noise_scale
     }
 
     /// ln odds by which it is ahead of something unknown alone, after what it loses.
@@ -293,7 +305,6 @@ fn heir(explanations: &[Explanation], several: &Explanation, unknown: &Explanati
 mod tests {
     use super::*;
     use crate::attribute::synthetic_world::{Straight, as_likely, found};
-    use crate::noise::OTHER_NOISE;
 
     #[test]
     fn an_effect_that_closes_half_is_likelier_than_not_and_not_settled() {
@@ -441,6 +452,19 @@ mod tests {
         // An error of the measurement is a part of it, however far ahead.
         assert!(!is_clear_if(true, "wave+unexplained", 0.8, 11.0));
         assert!(is_clear_if(true, "wave+unexplained", 0.9, 1.0));
+    }
+
+    #[test]
+    fn what_does_without_a_rest_by_a_noise_that_nobody_stated_is_not_clear_of_one() {
+        let is_clear = |noise: f64, of_unknown: f64, ahead: f64| {
+            let [mut of, mut unknown] = as_likely([("wave", 0.9), ("unexplained", 0.1)]);
+            (of.closes, of.ln_weight, unknown.ln_weight) = (1.0, ahead, 0.0);
+            (of.noise_scale, unknown.noise_scale) = (noise, of_unknown);
+            of.is_clear_of(&unknown)
+        };
+        assert!(!is_clear(2.0, 1.0, 9.0) && is_clear(2.0, 1.0, 11.0));
+        // Where something unknown needs it, too, it is noise.
+        assert!(is_clear(2.0, 1.9, 1.0) && is_clear(1.3, 0.5, 1.0));
     }
 
     #[test]

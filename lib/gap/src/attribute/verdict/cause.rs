@@ -202,7 +202,7 @@ fn add_effects(
             rest::places(problem, first)
         )
     } else {
-        format!("{effects} {explains} it: probability {probability:.2}")
+        format!("{effects} {explains} it: probability {probability:.2}{}", by_noise(diagnosis))
     };
     verdicts.add(code, &effects, text);
     let closes = shrink(problem, base, first, seed)?;
@@ -223,7 +223,11 @@ fn add_effects(
     verdicts.add(
         "closes",
         closes.median,
-        format!("adding it should close {} %{interval} of the gap{units}", percent(closes.median)),
+        format!(
+            "{} should close {} %{interval} of the gap{units}",
+            adding(problem, first),
+            percent(closes.median)
+        ),
     );
     add_errors_of_the_rig(verdicts, problem, first, is_settled);
     if base_fits(problem, diagnosis) {
@@ -232,6 +236,34 @@ fn add_effects(
         ));
     }
     Ok(())
+}
+
+/// What it takes for the gap to close: effects are put into the simulation, and errors of the rig are taken out of the
+/// measurement.
+fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
+    let is_of_the_rig = |&candidate: &usize| matches!(problem.candidates[candidate], Candidate::Measured(_));
+    let (errors, effects): (Vec<usize>, Vec<usize>) = of.hypothesis.iter().copied().partition(is_of_the_rig);
+    let named = |of: &[usize]| name(of, &problem.candidates);
+    match (effects.is_empty(), errors.is_empty()) {
+        (_, true) => "adding it".to_owned(),
+        (true, false) => "taking it out of the measurement".to_owned(),
+        (false, false) => {
+            format!("adding {}, and taking {} out of the measurement,", named(&effects), named(&errors))
+        }
+    }
+}
+
+/// That what comes first needs a noise which something unknown does without.
+fn by_noise(diagnosis: &Diagnosis) -> String {
+    let first = diagnosis.first();
+    match diagnosis.attribution.unknown().filter(|unknown| first.has_noise_for_a_rest(unknown)) {
+        Some(unknown) => format!(
+            "; but with a noise {} times what was stated, where something unknown needs {} times: some of that may be no noise",
+            short(first.noise_scale),
+            short(unknown.noise_scale)
+        ),
+        None => String::new(),
+    }
 }
 
 /// How large something is.
