@@ -25,7 +25,7 @@ use crate::attribute::problem::belief::Belief;
 use crate::attribute::problem::discrepancy::Smooth;
 use crate::attribute::problem::gaussian::{Filled, Level, Patterns};
 use crate::attribute::problem::hypothesis::Candidate;
-use crate::attribute::problem::measurement::MeasurementEffect;
+use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
 use crate::attribute::problem::predictor::Predictor;
 use crate::attribute::problem::test::Test;
 use crate::noise::scale;
@@ -50,6 +50,8 @@ pub struct Problem<'a> {
     pub ranges: Vec<f64>,
     /// Names of the observables.
     pub observables: Vec<String>,
+    /// Their units, where they are known.
+    observable_units: Vec<Option<String>>,
     /// The tests, each with its control.
     pub tests: Vec<Test>,
     /// Whether a noise is stated, or else is estimated with the fit.
@@ -171,6 +173,7 @@ impl<'a> Problem<'a> {
             observed: observations.values.concat(),
             ranges,
             observables: observations.names.clone(),
+            observable_units: vec![None; observations.names.len()],
             tests,
             is_noise_stated,
             units,
@@ -219,6 +222,28 @@ impl<'a> Problem<'a> {
         effect.apply(size, &test.path, ranges, &mut curve[test.readings.clone()]);
     }
 
+    /// How large an error of the measurement is, in words: what it makes of an observable or of the control, in its unit.
+    ///
+    /// * `size` — its mean and its standard deviation.
+    pub fn told_size(&self, effect: &MeasurementEffect, size: (f64, f64)) -> String {
+        let test = &self.tests[effect.test];
+        let observable = test.observables.start + effect.observable;
+        let (range, way) = (self.ranges[observable], test.path.range());
+        let behind = |unit: Option<&str>| unit.map_or_else(String::new, |unit| format!(" {unit}"));
+        let (unit, of_control) = (self.observable_units[observable].as_deref(), test.control_unit.as_deref());
+        let (times, unit) = match effect.kind {
+            Kind::Offset => (range, behind(unit)),
+            Kind::Drift => (range, format!("{} at the end", behind(unit))),
+            Kind::Gain => (100.0, " %".to_owned()),
+            Kind::Lag => (way, format!("{} of {}", behind(of_control), test.control_name)),
+            Kind::Compliance => (
+                way / range,
+                of_control.zip(unit).map_or_else(String::new, |(way, load)| format!(" {way}/{load}")),
+            ),
+        };
+        format!("{} = {} ± {}{unit}", effect.name, path::short(times * size.0), path::short(times * size.1))
+    }
+
     /// How much a reading counts in a gap over all of them, in which each observable counts alike: 1 where all have as
     /// many readings.
     pub fn counts(&self, reading: usize) -> f64 {
@@ -241,6 +266,12 @@ impl<'a> Problem<'a> {
         for test in &mut self.tests {
             test.control_unit = units.get(&test.control_name).map(str::to_owned);
         }
+        // Of several tests they are called by the test and a dot before their names.
+        let of = |name: &String| {
+            let own = name.rsplit_once('.').and_then(|(_, name)| units.get(name));
+            units.get(name).or(own).map(str::to_owned)
+        };
+        self.observable_units = self.observables.iter().map(of).collect();
         self
     }
 

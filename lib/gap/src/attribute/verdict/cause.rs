@@ -11,6 +11,7 @@ use crate::attribute::attribution::{Explanation, MOST, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
+use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::path::short;
 use crate::attribute::settled::{
     SETTLED, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
@@ -142,9 +143,10 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
         percent(of.closes)
     ));
     let base = problem.prior.base().len();
-    let sizes = marginals(problem, of).iter().skip(base).map(size).collect::<Vec<_>>().join(", ");
+    let sizes =
+        marginals(problem, of).iter().skip(base).map(|of| size(problem, of)).collect::<Vec<_>>().join(", ");
     let told = match of.hypothesis.first().map(|&candidate| &problem.candidates[candidate]) {
-        Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} of the range has to show"),
+        Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} has to show"),
         _ => format!("a test under other conditions would, where {effect} has to show with {sizes}"),
     };
     let names = diagnosis.rows[0].confounded.join(",");
@@ -267,8 +269,19 @@ fn by_noise(diagnosis: &Diagnosis) -> String {
 }
 
 /// How large something is.
-fn size(Marginal { name, mean, sd, .. }: &Marginal) -> String {
-    format!("{name} = {} ± {}", short(*mean), short(*sd))
+fn size(problem: &Problem<'_>, Marginal { name, mean, sd, .. }: &Marginal) -> String {
+    match error_of_the_rig(problem, name) {
+        Some(error) => problem.told_size(error, (*mean, *sd)),
+        None => format!("{name} = {} ± {}", short(*mean), short(*sd)),
+    }
+}
+
+/// The candidate of this name, if it is an error of the rig.
+fn error_of_the_rig<'p>(problem: &'p Problem<'_>, name: &str) -> Option<&'p MeasurementEffect> {
+    problem.candidates.iter().find_map(|candidate| match candidate {
+        Candidate::Measured(error) if error.name == name => Some(error),
+        _ => None,
+    })
 }
 
 /// What of the effects no simulation can have, and how large that is.
@@ -278,17 +291,13 @@ fn add_errors_of_the_rig(
     first: &Explanation,
     is_settled: bool,
 ) {
-    let is_of_the_rig = |name: &str| {
-        let named = problem.candidates.iter().find(|candidate| candidate.name() == name);
-        matches!(named, Some(Candidate::Measured(_)))
-    };
-    let of_the_rig: Vec<Marginal> =
-        marginals(problem, first).into_iter().filter(|of| is_of_the_rig(&of.name)).collect();
+    let mut of_the_rig = marginals(problem, first);
+    of_the_rig.retain(|of| error_of_the_rig(problem, &of.name).is_some());
     if of_the_rig.is_empty() {
         return;
     }
     let names: Vec<&str> = of_the_rig.iter().map(|of| of.name.as_str()).collect();
-    let sizes: Vec<String> = of_the_rig.iter().map(size).collect();
+    let sizes: Vec<String> = of_the_rig.iter().map(|of| size(problem, of)).collect();
     let is_one = names.len() == 1;
     let are = match (is_settled, is_one) {
         (true, true) => "is an error",
@@ -303,7 +312,7 @@ fn add_errors_of_the_rig(
         ""
     };
     verdicts.add("rig", names.join(","), format!(
-        "{} of the range {are} of the rig, which no simulation makes: correct the measurement for {them} and calibrate again{stays}",
+        "{} {are} of the rig, which no simulation makes: correct the measurement for {them} and calibrate again{stays}",
         sizes.join(" and ")
     ));
 }
@@ -316,6 +325,7 @@ mod tests {
     use crate::attribute::attribution::lean::Lean;
     use crate::attribute::attribution::untried::untried;
     use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::problem::measurement::Kind;
     use crate::attribute::synthetic_world::Straight;
 
     /// What is said of the cause where something unknown comes first with this probability, and the emulator has this variance.
@@ -330,6 +340,45 @@ mod tests {
         let mut verdicts = Verdicts::default();
         add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
         verdicts.rows.remove(0).text
+    }
+
+    #[test]
+    fn the_size_of_an_error_of_the_rig_is_told_in_the_units_of_what_it_acts_on() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations).in_units(&"y=kN,x=mm".parse().unwrap());
+        let kinds = [Kind::Offset, Kind::Drift, Kind::Gain, Kind::Lag, Kind::Compliance];
+        let told = MeasurementEffect::all(&kinds, &["y".to_owned()])
+            .iter()
+            .map(|error| problem.told_size(error, (0.1, 0.02)))
+            .collect::<Vec<_>>();
+        // The control goes from 0 to 1.
+        let range = problem.ranges[0];
+        let [size, sd] = [0.1, 0.02].map(|of| short(of * range));
+        let [way, sd_of_way] = [0.1, 0.02].map(|of| short(of / range));
+        let expected = [
+            format!("offset(y) = {size} ± {sd} kN"),
+            format!("drift(y) = {size} ± {sd} kN at the end"),
+            "gain(y) = 10 ± 2 %".to_owned(),
+            "lag = 0.1 ± 0.02 mm of x".to_owned(),
+            format!("compliance = {way} ± {sd_of_way} mm/kN"),
+        ];
+        assert_eq!(told, expected);
+    }
+
+    #[test]
+    fn what_has_to_be_taken_out_of_the_measurement_is_not_put_into_the_simulation() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut of = diagnose(&problem, 1, 1).unwrap().first().clone();
+        let mut said = |hypothesis: &[usize]| {
+            of.hypothesis = hypothesis.to_vec();
+            adding(&problem, &of)
+        };
+        assert_eq!(said(&[0]), "adding it");
+        assert_eq!(said(&[1]), "taking it out of the measurement");
+        assert_eq!(said(&[0, 1]), "adding wave, and taking offset(y) out of the measurement,");
     }
 
     #[test]
