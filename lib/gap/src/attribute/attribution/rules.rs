@@ -53,7 +53,7 @@ const NOT_BELIEVED: f64 = 3.0;
 /// of it.
 const WITHOUT_A_SIGN: f64 = 0.4;
 
-/// Share of the probability of the base model that goes to something unknown, by how much larger its noise is than what was
+/// Share of the probability of what has no rest that goes to something unknown, by how much larger its noise is than what was
 /// stated, in standard deviations of what is believed of the logarithm: what is as rough as noise looks like it.
 const DOUBTED: [(f64, f64); 2] = [(2.0, 0.0), (3.0, 0.5)];
 
@@ -195,13 +195,15 @@ fn give_misfits_a_rest(all: &mut [Explanation]) {
     }
 }
 
-/// A base model with a noise that was not believed is as likely something unknown.
+/// What has no rest but a noise that was not believed, the base model or effects, is as likely something unknown.
 fn doubt_the_noise(all: &mut [Explanation], unknown: usize) {
-    if let Some(base) = place_of(all, &[], false) {
-        let doubted = all[base].probability * all[base].doubted();
-        all[base].probability -= doubted;
-        all[unknown].probability += doubted;
+    let mut doubted = 0.0;
+    for of in all.iter_mut().filter(|of| !of.has_rest) {
+        let taken = of.probability * of.doubted();
+        of.probability -= taken;
+        doubted += taken;
     }
+    all[unknown].probability += doubted;
 }
 
 /// Effects that close little without a rest explain nothing.
@@ -468,18 +470,23 @@ mod tests {
     }
 
     #[test]
-    fn a_base_model_whose_noise_is_not_believed_is_as_likely_something_unknown() {
-        let probabilities = |noise_scale: f64| {
-            let mut all = as_likely([("none", 0.8), ("wave", 0.0), ("unexplained", 0.2)]);
-            all.iter_mut().for_each(|of| of.noise_scale = noise_scale);
-            rule_out(&mut all);
-            [all[0].probability, all[2].probability]
-        };
-        assert_eq!(probabilities(2.0), [0.8, 0.2]);
-        // Two and a half standard deviations of a half are a factor of 3.5; three, of 4.5.
-        let [none, unexplained] = probabilities(1.25f64.exp());
-        assert!((none - 0.6).abs() < 1e-12 && (unexplained - 0.4).abs() < 1e-12, "{none} {unexplained}");
-        assert!((probabilities(6.0)[0] - 0.4).abs() < 1e-12);
+    fn what_has_no_rest_but_a_noise_that_is_not_believed_is_as_likely_something_unknown() {
+        for first in ["none", "wave"] {
+            let probabilities = |noise_scale: f64| {
+                let of = |name: &str| if name == first { 0.8 } else { 0.0 };
+                let mut all = as_likely([("none", of("none")), ("wave", of("wave")), ("unexplained", 0.2)]);
+                for of in &mut all {
+                    (of.noise_scale, of.closes) = (noise_scale, 1.0);
+                }
+                rule_out(&mut all);
+                [all[0].probability + all[1].probability, all[2].probability]
+            };
+            let is_near = |[a, b]: [f64; 2], [c, d]: [f64; 2]| (a - c).abs() < 1e-12 && (b - d).abs() < 1e-12;
+            assert!(is_near(probabilities(2.0), [0.8, 0.2]), "{first}");
+            // Two and a half standard deviations of a half are a factor of 3.5; three, of 4.5.
+            assert!(is_near(probabilities(1.25f64.exp()), [0.6, 0.4]), "{first}");
+            assert!(is_near(probabilities(6.0), [0.4, 0.6]), "{first}");
+        }
     }
 
     #[test]
