@@ -253,7 +253,6 @@ impl Diagnosis<'_> {
                 .flag("-o", self.file("shrink-unseen.txt"));
             self.must(&unseen, "shrink-unseen.log")?;
         }
-        let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &effects).unwrap_or(false));
         if let Some(rig) = self.attributed()?.1.find("rig") {
             let text = format!(
                 "{} is still in the measurement that the model with {effects} is calibrated on: what it makes of the gap stays until that is corrected",
@@ -261,6 +260,7 @@ impl Diagnosis<'_> {
             );
             gl_cli::note("gl-diagnose", text);
         }
+        let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &effects).unwrap_or(false));
         let call = call.option("--foretold", foretold.map(|table| table.display().to_string()));
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;
         Ok(Progress::Finished)

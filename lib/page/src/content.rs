@@ -254,13 +254,13 @@ impl Content {
         let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), has_gap));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
-            let model = format!("model with {}", closed.with);
+            let with = &closed.with;
             self.doubts.extend(match rig {
                 Some(error) => vec![format!(
-                    "The {model} was calibrated on a measurement that still has {error} in it: it misses that, its parameters may be off \
+                    "The model with {with} was calibrated on a measurement that still has {error} in it: it misses that, its parameters may be off \
                      by it, and how far the gap closes is to be seen once the measurement is corrected."
                 )],
-                None => measured.stage.doubts(Some(&format!("the {model}")), false),
+                None => measured.stage.doubts(Some(&format!("the model with {with}")), false),
             });
         }
     }

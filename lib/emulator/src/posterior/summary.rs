@@ -226,7 +226,7 @@ impl Inference {
         };
         for (name, correlation) in self.correlations() {
             // Where it is not counted with, none is found.
-            let size = if correlation > 0.0 { format!(" ({correlation:.2})") } else { String::new() };
+            let size = if correlation != 0.0 { format!(" ({correlation:.2})") } else { String::new() };
             verdicts.add(
                 "noise-correlated",
                 name,

@@ -243,8 +243,8 @@ fn add_effects(
 /// What it takes for the gap to close: effects are put into the simulation, and errors of the rig are taken out of the
 /// measurement.
 fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
-    let is_of_the_rig = |&candidate: &usize| matches!(problem.candidates[candidate], Candidate::Measured(_));
-    let (errors, effects): (Vec<usize>, Vec<usize>) = of.hypothesis.iter().copied().partition(is_of_the_rig);
+    let (errors, effects): (Vec<usize>, Vec<usize>) =
+        of.hypothesis.iter().copied().partition(|&candidate| problem.candidates[candidate].is_measured());
     let named = |of: &[usize]| name(of, &problem.candidates);
     match (effects.is_empty(), errors.is_empty()) {
         (_, true) => "adding it".to_owned(),
