@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
+use gl_inference::rig::{Rig, own_name};
 use gl_inference::stack::is_test_name;
 use toml::de::DeTable;
 
@@ -73,6 +74,8 @@ pub struct Test {
     pub scale: Option<String>,
     /// The steps that calibration sees, `A:B`; all if absent.
     pub steps: Option<String>,
+    /// Errors of the rig that are known, by their names in this test.
+    pub rig: Rig,
 }
 
 impl Test {
@@ -115,6 +118,8 @@ pub struct Case {
     pub units: Vec<(String, String)>,
     /// Values of parameters that are known to be true: drawn, never used.
     pub truth: Vec<(String, f64)>,
+    /// Errors of the rig that are known: every run is taken as the rig would have recorded it.
+    pub rig: Vec<(String, f64)>,
     /// Runs an iteration; by the number of parameters where it is not given.
     pub num: Option<usize>,
     /// Iterations at the most.
@@ -174,12 +179,14 @@ impl Case {
     /// Name of the file.
     pub const FILE: &str = "case.toml";
 
-    /// First part of the name of each run of a calibration: with effects in another one, and with a white noise, so that
-    /// the runs of a calibration without them can stand beside it.
+    /// First part of the name of each run of a calibration: with effects in another one, with errors of the rig that are given
+    /// for the call, and with a white noise, so that the runs of a calibration without them can stand beside it.
     pub fn name_of_runs(&self) -> String {
         let white = if self.white { "-white" } else { "" };
+        // One more for those that a diagnosis has found beside what it was called with.
+        let rig = "-rig".repeat(self.given.iter().filter(|text| text.starts_with("rig=")).count());
         let effects = if self.effects.is_empty() { "" } else { "-effects" };
-        format!("{}{white}{effects}", self.name)
+        format!("{}{white}{rig}{effects}", self.name)
     }
 
     /// Read the case in a folder; settings in `given`, each `KEY=VALUE`, win over those of its `case.toml`.
@@ -240,7 +247,11 @@ impl Case {
         command: Option<String>,
         places: Places,
     ) -> Result<Self> {
-        let tests = tests(folder, source, &file, &places)?;
+        let mut tests = tests(folder, source, &file, &places)?;
+        for (error, size) in file.rig.iter().flatten() {
+            let place = || places.of_setting(&format!("rig.{error}")).to_string();
+            add_to_rig(&mut tests, error, *size).with_context(place)?;
+        }
         let name =
             file.name.with_context(|| lacks(source, "name", "the first part of the names of the runs"))?;
         let emulated = file.emulated.unwrap_or(EMULATED);
@@ -258,6 +269,7 @@ impl Case {
             tests,
             units: file.units.unwrap_or_default(),
             truth: file.truth.unwrap_or_default(),
+            rig: file.rig.unwrap_or_default(),
             num: file.num.map(usize::from),
             iterations: file.iterations.map_or(iterations, usize::from),
             seed: file.seed.unwrap_or(0),
@@ -403,6 +415,26 @@ fn tests(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Ve
     Ok(tests)
 }
 
+/// Add an error of the rig to the test that it is of.
+fn add_to_rig(tests: &mut [Test], error: &str, size: f64) -> Result<()> {
+    for test in tests.iter_mut() {
+        let Some(own) = own_name(error, &test.name) else { continue };
+        test.rig.add(&own, size)?;
+        let known = test.observable_names();
+        if let Some(other) = test.rig.observables().find(|of| !known.iter().any(|name| name == of)) {
+            bail!("{error}: no observable {other}: observables names {}", known.join(", "));
+        }
+        return Ok(());
+    }
+    let names: Vec<&str> = tests.iter().map(|test| test.name.as_str()).collect();
+    bail!(
+        "{error}: of which test? They are {}: give offset({}.OBSERVABLE), or lag({})",
+        names.join(", "),
+        names[0],
+        names[0]
+    )
+}
+
 /// One test; `prefix` is that of its settings among the places.
 fn test(
     folder: &Path,
@@ -449,6 +481,7 @@ fn test(
         weights: by_name(&entry.weights, &file.weights),
         scale: file.scale.clone(),
         steps: entry.steps.clone().or_else(|| file.steps.clone()),
+        rig: Rig::default(),
     };
     let known = test.observable_names();
     for (key, rows, own) in

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 
+use gl_inference::rig::Kind;
 use serde::de::{Deserialize, Deserializer, Error};
 
 use crate::cluster::Cluster;
@@ -29,6 +30,8 @@ pub(crate) struct File {
     pub(crate) units: Option<Vec<(String, String)>>,
     #[serde(deserialize_with = "numbers_by_name")]
     pub(crate) truth: Option<Vec<(String, f64)>>,
+    #[serde(deserialize_with = "numbers_by_name")]
+    pub(crate) rig: Option<Vec<(String, f64)>>,
     #[serde(deserialize_with = "count")]
     pub(crate) num: Option<NonZeroUsize>,
     #[serde(deserialize_with = "count")]
@@ -125,12 +128,14 @@ fn posterior<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String
 }
 
 fn measurement<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<String>>, D::Error> {
-    const KINDS: [&str; 5] = ["offset", "gain", "drift", "compliance", "lag"];
     let value = toml::Value::deserialize(deserializer)?;
     let given = value.as_array().cloned().unwrap_or_else(|| vec![value.clone()]);
-    let is_kind = |value: &toml::Value| value.as_str().is_some_and(|kind| KINDS.contains(&kind));
+    let is_kind = |value: &toml::Value| value.as_str().is_some_and(|kind| kind.parse::<Kind>().is_ok());
     match given.iter().find(|value| !is_kind(value)) {
-        Some(other) => Err(D::Error::custom(format!("{other} where one of {} is needed", KINDS.join(", ")))),
+        Some(other) => Err(D::Error::custom(format!(
+            "{other} where one of {} is needed",
+            Kind::ALL.map(Kind::word).join(", ")
+        ))),
         None if value.is_array() => {
             Ok(Some(given.iter().filter_map(toml::Value::as_str).map(str::to_owned).collect()))
         }

@@ -20,9 +20,3 @@ pub const CURVES: &str = "posterior-curves.txt";
 /// The table of the two calibrations that a shrink was measured between, `part folder`, by their names in the folder of the
 /// diagnosis.
 pub const SHRINK_BETWEEN: &str = "shrink-between.txt";
-
-/// The calibration with some effects in, of a diagnosis in `out`: commas part the effects, but no part of its name, since
-/// they part the tables that tools take, too.
-pub fn after(out: &Path, effects: &str) -> PathBuf {
-    out.join(format!("after-{}", effects.replace(',', "+")))
-}

@@ -15,6 +15,7 @@ mod overrides;
 mod places;
 mod settings;
 mod values;
+mod winner;
 
 pub use case::{Case, Column, Posterior, Test, Tolerances};
 pub use cluster::Cluster;
@@ -22,3 +23,4 @@ pub use engine::Engine;
 pub use model::Model;
 pub use places::{Places, suggestion};
 pub use settings::Settings;
+pub use winner::Winner;

@@ -86,10 +86,12 @@ pub(crate) fn of_test(test: &Test, file: &Path) -> std::ffi::OsString {
     word
 }
 
-/// The same for `gl-collect`, with what the runs call the columns.
+/// The same for `gl-collect`, with what the runs call the columns, and what the rig makes of them.
 pub(crate) fn simulated(call: Call, test: &Test) -> Call {
     let observables: Vec<String> = test.observables.iter().map(gl_case::Column::renamed).collect();
-    call.flag("-b", &test.obs).flag("-c", test.control.renamed()).flag("-v", observables.join(","))
+    let rig = Some(test.rig.to_string()).filter(|rig| !rig.is_empty());
+    let call = call.flag("-b", &test.obs).flag("-c", test.control.renamed());
+    call.flag("-v", observables.join(",")).option("--rig", rig)
 }
 
 /// How runs are weighed against the measurement.

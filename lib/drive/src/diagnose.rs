@@ -11,9 +11,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use gl_case::folders::{self, BASE, BASE_WIDER, SHRINK_BETWEEN};
-use gl_case::{Case, Engine, Posterior, Test};
-use gl_gap::attribute::winner::{cause, is_of_the_measurement, winning_effects};
+use gl_case::folders::{BASE, BASE_WIDER, SHRINK_BETWEEN};
+use gl_case::{Case, Engine, Posterior, Test, Winner};
+use gl_gap::attribute::winner::{cause, most_probable, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
@@ -81,8 +81,8 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
         }
         diagnosis.locate(&base)?;
     }
-    let effects = diagnosis.winner()?;
-    if diagnosis.shrink(&effects)? == Progress::InQueue {
+    let winner = diagnosis.winner()?;
+    if diagnosis.shrink(&winner)? == Progress::InQueue {
         return Ok(Progress::InQueue);
     }
     diagnosis.report()?;
@@ -102,13 +102,13 @@ impl Diagnosis<'_> {
         inputs
     }
 
-    /// Calibrate into a folder, with other effects in if some are named; the runs of the design are known then.
-    fn calibrate(&self, out: &Path, effects: Option<&str>) -> Result<Progress> {
-        let known = || match effects {
-            Some(effects) if !self.is_weighed() => self.known(effects, out).map(Some),
+    /// Calibrate into a folder, with a winner in if there is one; the runs of the design are known then.
+    fn calibrate(&self, out: &Path, with: Option<&Winner>) -> Result<Progress> {
+        let known = || match with {
+            Some(winner) if !self.is_weighed() => self.known(winner, out).map(Some),
             _ => Ok(None),
         };
-        self.calibrated(out, effects, known, &self.inputs(), &[])
+        self.calibrated(out, with, known, &self.inputs(), &[])
     }
 
     /// Whether the posterior of this case is that of weights, and no emulator's.
@@ -121,7 +121,7 @@ impl Diagnosis<'_> {
     fn calibrated(
         &self,
         out: &Path,
-        effects: Option<&str>,
+        with: Option<&Winner>,
         known: impl FnOnce() -> Result<Option<PathBuf>>,
         inputs: &[PathBuf],
         given: &[String],
@@ -145,8 +145,13 @@ impl Diagnosis<'_> {
         if let Some(wider) = self.wider_prior().filter(|_| out != self.file(BASE)) {
             call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
         }
-        if let Some(effects) = effects {
-            call = call.arg(format!("effects={effects}"));
+        if let Some(winner) = with {
+            if !winner.effects.is_empty() {
+                call = call.arg(format!("effects={}", winner.effects.join(",")));
+            }
+            if !winner.rig.is_empty() {
+                call = call.arg(format!("rig={}", self.whole_rig(winner).rig_setting()));
+            }
         }
         if self.runner.call(&call, Messages::Shown)? == 1 {
             return Ok(Progress::InQueue);
@@ -156,13 +161,24 @@ impl Diagnosis<'_> {
         Ok(Progress::Finished)
     }
 
-    /// The runs of the design that belong to the calibration with some effects.
-    fn known(&self, effects: &str, out: &Path) -> Result<PathBuf> {
+    /// The runs of the design that belong to the calibration with a winner, as its rig would have recorded them.
+    fn known(&self, winner: &Winner, out: &Path) -> Result<PathBuf> {
         let prior = Prior::read(&self.wider_prior().unwrap_or_else(|| self.case.params()))?;
-        let effects: Vec<String> = effects.split(',').map(str::to_owned).collect();
         let folder = out.join("known");
-        self.runs_with(&effects, &prior, &folder)?;
+        self.runs_with(winner, &prior, &folder)?;
         Ok(folder)
+    }
+
+    /// A winner with the errors of the rig that the case knows, too, which the runs of its design have already.
+    fn whole_rig(&self, winner: &Winner) -> Winner {
+        let mut rig = self.case.rig.clone();
+        for (name, size) in &winner.rig {
+            match rig.iter_mut().find(|(known, _)| known == name) {
+                Some((_, known)) => *known += size,
+                None => rig.push((name.clone(), *size)),
+            }
+        }
+        Winner { rig, ..winner.clone() }
     }
 
     /// The prior with its bounds moved to where the design has gone, if it went beyond them.
@@ -190,13 +206,24 @@ impl Diagnosis<'_> {
         self.must(&call, "locate.log")
     }
 
-    /// Those of the winner's effects that are the simulator's, if there are runs that show them; what the measurement does
-    /// needs no runs.
-    fn winner(&self) -> Result<Vec<String>> {
+    /// What is put in: the effects of what comes first, and its errors of the rig, if there are runs that show it.
+    fn winner(&self) -> Result<Winner> {
         let (attribution, verdict) = self.attributed()?;
         let effects = winning_effects(&Prior::read(&self.case.params())?, &attribution, &verdict)?;
-        put(&self.file("winner.txt"), format!("{}\n", effects.join(",")).as_bytes())?;
-        Ok(effects)
+        let is_shown = verdict.find("untried").is_none();
+        let rig = if is_shown { self.errors_of_the_rig()? } else { Vec::new() };
+        let winner = Winner { effects, rig };
+        put(&self.file(Winner::FILE), winner.text().as_bytes())?;
+        Ok(winner)
+    }
+
+    /// To four digits: none of them knows its size better.
+    fn errors_of_the_rig(&self) -> Result<Vec<(String, f64)>> {
+        let table = Table::read(&self.file(RIG))?;
+        let error = table.format().column("error")?;
+        let sizes = table.numbers("size")?.into_iter().enumerate();
+        let rounded = |size: f64| format!("{size:.3e}").parse().unwrap_or(size);
+        Ok(sizes.map(|(row, size)| (table.field(row, error).to_owned(), rounded(size))).collect())
     }
 
     /// The table of the attribution and its verdict.
@@ -205,20 +232,19 @@ impl Diagnosis<'_> {
         Ok((table, Verdicts::read(&self.file("attribution-verdict.txt"))?))
     }
 
-    /// How far the gap closes once the effects are in the simulation.
-    fn shrink(&self, effects: &[String]) -> Result<Progress> {
+    /// How far the gap closes once the winner is in.
+    fn shrink(&self, winner: &Winner) -> Result<Progress> {
         let table = self.file("shrink.txt");
-        if effects.is_empty() {
+        if winner.is_nothing() {
             return self.no_shrink(&table);
         }
-        let effects = effects.join(",");
-        let after = folders::after(self.out, &effects);
-        if self.calibrate(&after, Some(&effects))? == Progress::InQueue {
+        let after = winner.folder(self.out);
+        if self.calibrate(&after, Some(winner))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
         // For the picture of the page.
         let located = self.file("locate-after.txt");
-        if !is_current(&located, &[self.file("winner.txt"), after.join("posterior.txt")])? {
+        if !is_current(&located, &[self.file(Winner::FILE), after.join("posterior.txt")])? {
             let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
                 .flag("-w", after.join(RUNS_WEIGHTS))
                 .option("--units", units(self.case))
@@ -226,7 +252,7 @@ impl Diagnosis<'_> {
                 .args(ensembles(self.case, &after));
             self.runner.must(&call, Messages::Kept(&self.file("locate-after.log")))?;
         }
-        let Some((base, after)) = self.between(self.base(), after, &effects)? else {
+        let Some((base, after)) = self.between(self.base(), after, winner)? else {
             return Ok(Progress::InQueue);
         };
         let between = self.file(SHRINK_BETWEEN);
@@ -253,35 +279,25 @@ impl Diagnosis<'_> {
                 .flag("-o", self.file("shrink-unseen.txt"));
             self.must(&unseen, "shrink-unseen.log")?;
         }
-        if let Some(rig) = self.attributed()?.1.find("rig") {
-            let text = format!(
-                "{} is still in the measurement that the model with {effects} is calibrated on: what it makes of the gap stays until that is corrected",
-                rig.value
-            );
+        if !winner.rig.is_empty() {
+            let rig = winner.rig_setting();
+            let text =
+                format!("the gap after is that of runs as the rig would have recorded them, with {rig}");
             gl_cli::note("gl-diagnose", text);
         }
-        let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &effects).unwrap_or(false));
+        let (first, _) = most_probable(&self.attributed()?.0)?;
+        let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &first).unwrap_or(false));
         let call = call.option("--foretold", foretold.map(|table| table.display().to_string()));
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;
         Ok(Progress::Finished)
     }
 
-    /// What to say where no effect is put into the simulation.
-    fn why_none_is_put_in(&self) -> Result<&'static str> {
-        let (attribution, verdict) = self.attributed()?;
-        Ok(if is_of_the_measurement(&attribution, &verdict)? {
-            "what comes first is an error of the measurement, which no run shows: nothing is put in"
-        } else {
-            "no effect of the simulation is known to be the cause, so none is put in"
-        })
-    }
-
     /// A table of no rows: nothing was put in.
     fn no_shrink(&self, table: &Path) -> Result<Progress> {
-        if is_current(table, &[self.file("winner.txt")])? {
+        if is_current(table, &[self.file(Winner::FILE)])? {
             return Ok(Progress::Finished);
         }
-        gl_cli::note("gl-diagnose", self.why_none_is_put_in()?);
+        gl_cli::note("gl-diagnose", "nothing is known to be the cause, so nothing is put in");
         for file in [
             "locate-after.txt",
             SHRINK_BETWEEN,
@@ -348,12 +364,15 @@ pub(crate) fn renew(from: &Path, to: &Path) -> Result<()> {
 /// How far the gap is foretold to close by each cause, the likeliest first.
 const FORETOLD: &str = "predicted-shrink.txt";
 
-/// Whether what is foretold first is of these effects, and of no error of the measurement beside them.
-fn is_of(foretold: &Path, effects: &str) -> Result<bool> {
+/// The errors of the rig in what comes first.
+const RIG: &str = "rig.txt";
+
+/// Whether what is foretold first is of this cause.
+fn is_of(foretold: &Path, first: &str) -> Result<bool> {
     let table = Table::read(foretold)?;
     if table.is_empty() {
         return Ok(false);
     }
     let hypothesis = table.field(0, table.format().column("hypothesis")?);
-    Ok(cause(hypothesis) == effects.replace(',', "+"))
+    Ok(cause(hypothesis) == first)
 }

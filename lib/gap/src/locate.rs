@@ -11,10 +11,10 @@ use super::noise::{Noise, check_steps, scale, standard_normal};
 use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
 use super::standardised::standardised;
-use crate::attribute::problem::path::Path;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::fit::{self, Fit};
 use gl_inference::observations::Observations;
+use gl_inference::path::Path;
 use gl_inference::units::Units;
 use gl_table::verdict::Verdicts;
 

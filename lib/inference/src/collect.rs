@@ -19,6 +19,7 @@ use packed::{OpenPacks, Packs};
 
 use crate::ensemble::Ensemble;
 use crate::observations::Observations;
+use crate::rig::RigAt;
 use crate::samples::Samples;
 use gl_progress::stage;
 
@@ -37,6 +38,8 @@ pub struct Collection<'a> {
     pub rtol: f64,
     /// Share of the control's range by which a run may fall short.
     pub end_tolerance: f64,
+    /// What the rig makes of each run.
+    pub rig: RigAt,
 }
 
 /// Runs that are read at a time, and held in memory until they are taken.

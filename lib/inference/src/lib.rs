@@ -5,7 +5,7 @@
 //! | step of the work | modules |
 //! | --- | --- |
 //! | what may vary, and which samples to run | [`prior`], [`design`], [`samples`] |
-//! | what was measured, what the runs gave | [`observations`], [`collect`], [`times`], [`alignment`], [`ensemble`], [`stack`] |
+//! | what was measured, what the runs gave | [`observations`], [`path`], [`rig`], [`collect`], [`times`], [`alignment`], [`ensemble`], [`stack`] |
 //! | how far each run is from the measurement | [`misfit`] |
 //! | weights of the runs, and what they say | [`filter`], [`weights`], [`summary`], [`predict`], [`loo`], [`stop`] |
 //! | the next samples | [`mixture`], [`proposal`], [`resample`] |
@@ -22,10 +22,12 @@ pub mod loo;
 pub mod misfit;
 pub mod mixture;
 pub mod observations;
+pub mod path;
 pub mod predict;
 pub mod prior;
 pub mod proposal;
 pub mod resample;
+pub mod rig;
 pub mod samples;
 pub mod stack;
 pub mod stop;

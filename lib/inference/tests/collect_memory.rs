@@ -7,6 +7,7 @@ use std::io::{BufWriter, Write};
 
 use gl_inference::collect::Collection;
 use gl_inference::observations::Observations;
+use gl_inference::rig::Rig;
 use gl_inference::samples::Samples;
 use gl_table::Table;
 
@@ -42,13 +43,15 @@ fn fifty_thousand_packed_runs_are_collected_in_less_than_60_megabytes() {
     let rows: String = (0..STEPS).map(|step| format!("{step} 1 2\n")).collect();
     let table = Table::parse("obs.txt", format!("e q p\n{rows}").into_bytes()).unwrap();
     let observables = ["q".to_owned(), "p".to_owned()];
+    let observations = Observations::from_table(&table, "e", &observables).unwrap();
     let collection = Collection {
-        observations: &Observations::from_table(&table, "e", &observables).unwrap(),
+        observations: &observations,
         control: "e".to_owned(),
         observables: observables.to_vec(),
         folders: vec![folder.path().to_owned()],
         rtol: 1e-5,
         end_tolerance: 0.01,
+        rig: Rig::default().at(&observations).unwrap(),
     };
     let mut good = 0;
     let status = collection

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use gl_case::Winner;
 use gl_case::folders::{self, SHRINK_BETWEEN};
 use gl_figure::number::significant;
 use gl_inference::collect::RunStatus;
@@ -140,6 +141,8 @@ struct Cause {
 struct Closed {
     /// What was put in; empty if nothing explains the gap.
     with: String,
+    /// The errors of the rig in it, with their sizes; empty if there are none.
+    rig: String,
     measured: Option<Measured>,
 }
 
@@ -190,14 +193,14 @@ impl Content {
     pub fn gather(case: &Case, out: &Path, base: &Path) -> Result<Self> {
         let is_diagnosis = out != base;
         let base = Calibration::read(base)?;
-        let with = winner(out)?;
-        let after = match &with {
-            Some(with) if !with.is_empty() => Some(Calibration::read(&folders::after(out, with))?),
+        let winner = Winner::read(out)?;
+        let after = match &winner {
+            Some(winner) if !winner.is_nothing() => Some(Calibration::read(&winner.folder(out))?),
             _ => None,
         };
         let gap = Gap::gather(case, out, &base, after.as_ref())?;
         let cause = Cause::gather(case, out)?;
-        let closed = Closed::gather(case, out, &base, with.as_deref(), after.as_ref())?;
+        let closed = Closed::gather(case, out, &base, winner.as_ref(), after.as_ref())?;
         let base_stage = Stage::gather(
             case,
             &base,
@@ -237,31 +240,20 @@ impl Content {
         let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
         let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
-        // What an error of the rig makes stays in the gap, whatever is in the simulation.
-        let rig = all.iter().find(|sentence| sentence.code == "rig").map(|sentence| sentence.value.clone());
         let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
         self.answer = first.map(|first| Answer {
             code: first.code.clone(),
             value: first.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
-            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)) && rig.is_none(),
+            is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
-        let is_of_the_error = |sentence: &&&Sentence| {
-            rig.is_some() && matches!(sentence.code.as_str(), "may-not-close" | "grows")
-        };
-        self.doubts = all.iter().filter(is_doubt).filter(|of| !is_of_the_error(of)).map(say).collect();
+        self.doubts = all.iter().filter(is_doubt).map(say).collect();
         let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), has_gap));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
-            let with = &closed.with;
-            self.doubts.extend(match rig {
-                Some(error) => vec![format!(
-                    "The model with {with} was calibrated on a measurement that still has {error} in it: it misses that, its parameters may be off \
-                     by it, and how far the gap closes is to be seen once the measurement is corrected."
-                )],
-                None => measured.stage.doubts(Some(&format!("the model with {with}")), false),
-            });
+            self.doubts
+                .extend(measured.stage.doubts(Some(&format!("the model with {}", closed.with)), false));
         }
     }
 }
@@ -403,13 +395,13 @@ impl Closed {
         case: &Case,
         out: &Path,
         base: &Calibration,
-        with: Option<&str>,
+        winner: Option<&Winner>,
         after: Option<&Calibration>,
     ) -> Result<Option<Self>> {
         let table = out.join("shrink.txt");
-        let (Some(with), true) = (with, table.exists()) else { return Ok(None) };
-        let with = with.replace(',', " and ");
-        let Some(after) = after else { return Ok(Some(Self { with, measured: None })) };
+        let (Some(winner), true) = (winner, table.exists()) else { return Ok(None) };
+        let (with, rig) = (winner.names().join(" and "), winner.rig_setting());
+        let Some(after) = after else { return Ok(Some(Self { with, rig, measured: None })) };
         let unseen = out.join("shrink-unseen.txt");
         let unseen = if unseen.exists() {
             Some(Unseen {
@@ -432,7 +424,7 @@ impl Closed {
             side_by_side: side_by_side(base, after, &case.prior, &with)?,
             stage: Stage::gather(case, after, &format!("The fit with {with} in."))?,
         };
-        Ok(Some(Self { with, measured: Some(measured) }))
+        Ok(Some(Self { with, rig, measured: Some(measured) }))
     }
 }
 
@@ -561,12 +553,6 @@ fn duration(seconds: f64) -> String {
         s => (s / 3600.0, "h"),
     };
     format!("{} {unit}", significant(number, 2))
-}
-
-/// The effects that were put in: nothing where none explains the gap, `None` before that is known.
-fn winner(out: &Path) -> Result<Option<String>> {
-    let path = out.join("winner.txt");
-    if path.exists() { Ok(Some(text(&path)?.trim().to_owned())) } else { Ok(None) }
 }
 
 /// The first paragraph of a Markdown text that is no heading, table or code.

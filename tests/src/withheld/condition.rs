@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, bail};
 use gl_gap::attribute::evidence::mode::standard_normal;
-use gl_gap::attribute::problem::path;
+use gl_inference::path;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use gl_gap::attribute::problem::hypothesis::hypotheses;
-use gl_gap::attribute::problem::measurement::{Kind, MeasurementEffect};
+use gl_gap::attribute::problem::measurement::MeasurementEffect;
 use gl_gap::attribute::rounds::WIDEST;
 use gl_gap::design_box::{Limit, PULLED, Pull, widen};
 use gl_inference::observations::range;
 use gl_inference::prior::{Effect, Parameter, Prior};
+use gl_inference::rig::Kind;
 use gl_table::TableWriter;
 use nalgebra::{Cholesky, DMatrix};
 use rand::seq::index::sample;

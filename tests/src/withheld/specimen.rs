@@ -1,7 +1,7 @@
 //! Run-to-run scatter: every run, and the measurement, is of another specimen.
 
 use gl_gap::attribute::evidence::mode::standard_normal;
-use gl_gap::attribute::problem::path::Path;
+use gl_inference::path::Path;
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 

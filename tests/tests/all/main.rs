@@ -22,6 +22,7 @@ mod import;
 mod packed;
 mod plot;
 mod posterior;
+mod rig;
 mod right;
 mod run;
 mod said;

@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use gl_cli::{not_negative, note};
 use gl_inference::collect::{Collection, Failure, RTOL, RunStatus};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
+use gl_inference::rig::Rig;
 use gl_inference::samples::Samples;
 use gl_table::{appears_whole, write_rows};
 
@@ -50,6 +51,10 @@ struct Args {
     /// Share of the control's range by which a run may fall short of the measurement
     #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = not_negative)]
     end_tolerance: f64,
+    /// Errors of the rig, which are added to every run, so that it is what the rig would have recorded: offset(OBSERVABLE), drift
+    /// (at the end) in units of the observable, gain as a share, lag in units of the control, compliance in those by load
+    #[arg(long, value_name = "ERROR=SIZE,…", default_value = "", hide_default_value = true)]
+    rig: Rig,
     /// Where the ensemble goes; stdout when absent
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -87,6 +92,7 @@ fn run(args: &Args) -> Result<()> {
         folders: args.folders.clone(),
         rtol: args.rtol,
         end_tolerance: args.end_tolerance,
+        rig: args.rig.at(&observations).context("--rig")?,
     };
     let output = args.output.as_deref();
     let begin = || Ensemble::new(&observations, false).begin(output);

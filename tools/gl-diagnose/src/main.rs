@@ -9,7 +9,7 @@ use gl_drive::{Progress, Request};
 /// Diagnose a case: calibrate it, locate the gap, find its cause, put that in and see how far the gap closes
 ///
 /// DIR gets base (the calibration), locate.txt, design (runs with effects on and off), attribution.txt, winner.txt,
-/// after-EFFECT (the calibration with it), closest-base and closest-after-EFFECT (where something unknown is beside it, the
+/// after-EFFECT (the calibration with it; after-rig, after-EFFECT+rig where errors of the rig are in it), closest-base and closest-after-EFFECT (where something unknown is beside it, the
 /// fits of least squares), shrink.txt and the report. Interrupted at any moment and called again, it goes on where it was.
 /// The model of a case is a program: it runs with your rights.
 ///

@@ -11,13 +11,12 @@ use anyhow::{Result, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_gap::attribute::attribution::draws::{Drawn, draws};
-use gl_gap::attribute::attribution::marginals::{Marginal, marginals};
+use gl_gap::attribute::attribution::marginals::{Marginal, errors_of_the_rig, marginals};
 use gl_gap::attribute::attribution::rest::{GoesWith, goes_with};
 use gl_gap::attribute::attribution::{Attribution, Explanation, RuledOut};
 use gl_gap::attribute::diagnosis::{self, Diagnosis, candidates, diagnose};
 use gl_gap::attribute::next_runs::next_runs;
 use gl_gap::attribute::problem::Problem;
-use gl_gap::attribute::problem::measurement::Kind;
 use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::problem::test::Test;
 use gl_gap::attribute::self_check::{Design, self_check, summary};
@@ -25,6 +24,7 @@ use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{Observations, Steps};
 use gl_inference::prior::Prior;
+use gl_inference::rig::Kind;
 use gl_inference::samples::{Samples, sample_names};
 use gl_inference::units::Units;
 use gl_table::TableWriter;
@@ -81,6 +81,9 @@ struct Args {
     /// like
     #[arg(long, value_name = "FILE")]
     rest_out: Option<PathBuf>,
+    /// Also write the errors of the rig in the first hypothesis, as gl-collect --rig takes them: error, size, sd
+    #[arg(long, value_name = "FILE")]
+    rig_out: Option<PathBuf>,
     /// Also write the mean curve of the base model, of each likely hypothesis and of the three likeliest with effects:
     /// hypothesis, probability, step, control, observables; with --test instead
     /// hypothesis, probability, test, observable, step, control, predicted
@@ -152,6 +155,8 @@ struct Seen {
     tests: Vec<Test>,
     /// Number of the first compared step of each test, shape (tests,).
     first: Vec<usize>,
+    /// The control of each test, all steps.
+    whole: Vec<gl_inference::path::Path>,
     noise: Option<Vec<Vec<f64>>>,
     ensemble: Ensemble,
 }
@@ -162,16 +167,19 @@ impl Seen {
         let steps = measurement.steps(args.steps)?;
         let ensemble = measurement.ensemble("gl-gap-attribute", &args.ensembles)?;
         let Measurement { observations, noise, stack } = measurement;
+        let path = |observations: &Observations| gl_inference::path::Path::new(&observations.control);
         if let Some(stack) = stack {
             let first = stack.tests.iter().map(|test| test.steps.start).collect();
-            return Ok(Self { observations, tests: Test::of_stack(&stack), first, noise, ensemble });
+            let whole = stack.tests.iter().map(|test| path(&test.observations)).collect();
+            return Ok(Self { observations, tests: Test::of_stack(&stack), first, whole, noise, ensemble });
         }
+        let whole = vec![path(&observations)];
         let all: Vec<usize> = (0..ensemble.len()).collect();
         let first = vec![steps.start];
         let observations = observations.part(steps.clone());
         let noise = noise.map(|noise| noise.iter().map(|noise| noise[steps.clone()].to_vec()).collect());
         let (tests, ensemble) = (Test::of(&observations), ensemble.part(&all, steps));
-        Ok(Self { tests, first, ensemble, observations, noise })
+        Ok(Self { tests, first, whole, ensemble, observations, noise })
     }
 }
 
@@ -184,7 +192,7 @@ fn check(args: &Args) -> Result<()> {
     }
     let outputs =
         [&args.output, &args.effects_out, &args.predict_shrink, &args.posterior_out, &args.rest_out];
-    let more = [&args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
+    let more = [&args.rig_out, &args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
     gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
@@ -195,7 +203,7 @@ fn run(args: &Args) -> Result<()> {
     check(args)?;
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
-    let Seen { observations, tests, first, noise, ensemble } = Seen::read(args)?;
+    let Seen { observations, tests, first, whole, noise, ensemble } = Seen::read(args)?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
     let runs = (&samples, &ensemble);
     let simulation = Simulation::new(&prior, runs, &observations.values, noise.as_ref(), args.seed)?;
@@ -222,6 +230,9 @@ fn run(args: &Args) -> Result<()> {
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     let tested: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
     write_beside(args, &problem, &diagnosis, (&observations, &tested))?;
+    if let Some(path) = &args.rig_out {
+        write_rig(path, &problem, &diagnosis, (&whole, &tested))?;
+    }
     let believed = believed.as_ref().map(|(prior, path)| (prior, path.as_str()));
     let verdicts = verdict(&problem, &diagnosis, &args.params.display().to_string(), believed, args.seed)?;
     gl_cli::conclude("gl-gap-attribute", &verdicts, args.verdict.as_deref(), || {
@@ -329,6 +340,35 @@ fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -
         for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
             let lean = leans(of, &name).unwrap_or(f64::from(lean));
             table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, lean]).end_row()?;
+        }
+    }
+    table.finish()
+}
+
+/// * `whole` — the control of each test at all steps, and the number of the first that was looked at.
+fn write_rig(
+    path: &Path,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    (whole, tests): (&[gl_inference::path::Path], &[(&Test, usize)]),
+) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["error", "size", "sd"])?;
+    for (error, Marginal { mean, sd, .. }) in errors_of_the_rig(problem, diagnosis.first()) {
+        let unit = problem.unit_of(error);
+        if error.kind != Kind::Drift {
+            table.text(&error.name).numbers(&[unit * mean, unit * sd]).end_row()?;
+            continue;
+        }
+        // What is known of a drift is what it made of the steps that were looked at.
+        let (test, from) = tests[error.test];
+        let travelled = whole[error.test].travelled();
+        let (before, at_end) = (travelled[from], travelled[from + test.steps() - 1]);
+        let unit = unit / (at_end - before);
+        table.text(&error.name).numbers(&[unit * mean, unit * sd]).end_row()?;
+        if before > 0.0 {
+            let since = -unit * before;
+            let name = error.name.replacen(Kind::Drift.word(), Kind::Offset.word(), 1);
+            table.text(&name).numbers(&[since * mean, -since * sd]).end_row()?;
         }
     }
     table.finish()

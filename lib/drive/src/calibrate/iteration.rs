@@ -182,7 +182,9 @@ impl<'a> Iteration<'a> {
         let Setting { case, runner, .. } = *self.setting;
         let folder = self.setting.folder_of(self.number, test);
         let (samples, ensemble) = (folder.join("samples.txt"), folder.join("ensemble.txt"));
-        if is_current(&ensemble, &[&samples, &test.obs])? {
+        let mut inputs = self.setting.given();
+        inputs.extend([samples.clone(), test.obs.clone()]);
+        if is_current(&ensemble, &inputs)? {
             return Ok(true);
         }
         let runs = folder.join("runs");

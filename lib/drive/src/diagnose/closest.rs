@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::{Case, folders};
+use gl_case::{Case, Winner, folders};
 use gl_gap::attribute::winner::is_beside_a_rest;
 
 use super::Diagnosis;
@@ -21,13 +21,13 @@ pub(crate) fn iterations(case: &Case) -> usize {
 }
 
 impl Diagnosis<'_> {
-    /// The folders of the fits that the shrink is measured between: the calibrations without and with the effects, beside a
+    /// The folders of the fits that the shrink is measured between: the calibrations without and with the winner, beside a
     /// rest the closest fits, if both settle; none where runs are in a queue.
     pub(super) fn between(
         &self,
         base: PathBuf,
         after: PathBuf,
-        effects: &str,
+        winner: &Winner,
     ) -> Result<Option<(PathBuf, PathBuf)>> {
         if self.is_weighed() || !is_beside_a_rest(&self.attributed()?.0)? {
             return Ok(Some((base, after)));
@@ -39,8 +39,8 @@ impl Diagnosis<'_> {
                 "beside a rest the gap is measured between closest fits, which go on from the runs of both calibrations",
             );
         }
-        for (of, effects) in [(&base, None), (&after, Some(effects))] {
-            if self.closest(of, effects)? == Progress::InQueue {
+        for (of, with) in [(&base, None), (&after, Some(winner))] {
+            if self.closest(of, with)? == Progress::InQueue {
                 return Ok(None);
             }
         }
@@ -53,13 +53,13 @@ impl Diagnosis<'_> {
     }
 
     /// Go on from the runs of a calibration to the closest fit.
-    fn closest(&self, of: &Path, effects: Option<&str>) -> Result<Progress> {
+    fn closest(&self, of: &Path, with: Option<&Winner>) -> Result<Progress> {
         let out = folders::closest(of);
         let mut inputs = self.inputs();
         inputs.push(of.join("posterior.txt"));
         let known = || self.runs_of(of, &out.join("known")).map(Some);
         let settings = ["white=true".to_owned(), format!("iterations={}", iterations(self.case))];
-        self.calibrated(&out, effects, known, &inputs, &settings)
+        self.calibrated(&out, with, known, &inputs, &settings)
     }
 
     /// The runs of a calibration as `samples.txt` and the ensemble of each test in a folder.

@@ -12,19 +12,22 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use gl_case::Test;
 use gl_case::folders::BASE;
-use gl_gap::attribute::problem::path::short;
+use gl_case::{Test, Winner};
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step};
 use gl_gap::design_box::{reaching, with_beyond, within_runs};
 use gl_inference::collect::RunStatus;
 use gl_inference::design::least_switched;
+use gl_inference::ensemble::Ensemble;
+use gl_inference::observations::Observations;
+use gl_inference::path::short;
 use gl_inference::prior::{Parameter, Prior};
+use gl_inference::rig::{Rig, own_name};
 use gl_inference::samples::Samples;
 use gl_table::Table;
 use gl_table::verdict::Verdicts;
 
-use super::{Diagnosis, FORETOLD, WIDER_PRIOR, renew};
+use super::{Diagnosis, FORETOLD, RIG, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
@@ -157,6 +160,7 @@ impl Diagnosis<'_> {
             FORETOLD,
             "posterior.txt",
             "rest.txt",
+            RIG,
             "curves.txt",
             "attribution-verdict.txt",
             "attribution.log",
@@ -470,6 +474,7 @@ impl Round<'_> {
             .flag("--predict-shrink", self.file(FORETOLD))
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
+            .flag("--rig-out", self.file(RIG))
             .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(self.made_next()?.unwrap_or(next)))
@@ -501,19 +506,19 @@ impl Diagnosis<'_> {
         Ok(there.len().min(rounds.first() * 2 / 5))
     }
 
-    /// The runs of the design in which these effects are on and no others, within a prior, as `samples.txt` and the
-    /// ensemble of each test in a folder: those belong to the calibration with these effects, too.
-    pub(super) fn runs_with(&self, effects: &[String], prior: &Prior, folder: &Path) -> Result<()> {
+    /// The runs of the design in which the effects of a winner are on and no others, within a prior, as its rig would have
+    /// recorded them, as `samples.txt` and the ensemble of each test in a folder: those belong to the calibration with it, too.
+    pub(super) fn runs_with(&self, winner: &Winner, prior: &Prior, folder: &Path) -> Result<()> {
         let design = self.file("design");
         let (all, target) = (design.join("samples.txt"), folder.join("samples.txt"));
-        if is_current(&target, &[&all, &self.file("winner.txt")])? {
+        if is_current(&target, &[&all, &self.file(Winner::FILE)])? {
             return Ok(());
         }
         make_folder(folder)?;
         let samples = Samples::read(&all)?;
         let values = samples.columns(&prior.names())?;
         let is_of = |(parameter, &value): (&Parameter, &f64)| match &parameter.effect {
-            Some(effect) if !effects.contains(effect) => parameter.off == Some(value),
+            Some(effect) if !winner.effects.contains(effect) => parameter.off == Some(value),
             _ => (parameter.lower..=parameter.upper).contains(&value),
         };
         let names = samples.names.iter().zip(&values);
@@ -526,8 +531,29 @@ impl Diagnosis<'_> {
             join(&[design.join(name)], &folder.join(name), Some(&wanted))
         };
         for test in &self.case.tests {
-            put(&of_test_or_none("ensemble", test, ""), "sample")?;
+            let ensemble = of_test_or_none("ensemble", test, "");
+            put(&ensemble, "sample")?;
+            record(test, winner, &folder.join(ensemble))?;
         }
         put("samples.txt", "description")
     }
+}
+
+/// The runs of a test as the rig of a winner would have recorded them, in the place of those in a table.
+fn record(test: &Test, winner: &Winner, table: &Path) -> Result<()> {
+    let mut rig = Rig::default();
+    for (error, size) in &winner.rig {
+        if let Some(own) = own_name(error, &test.name) {
+            rig.add(&own, *size)?;
+        }
+    }
+    if rig.is_empty() {
+        return Ok(());
+    }
+    let observations = Observations::read(&test.obs, &test.control.measured, &test.observable_names())?;
+    let runs = Ensemble::read(table, &test.control.measured, &test.observable_names())?;
+    let recorded = rig.at(&observations)?.recorded_runs(&observations, &runs);
+    let mut writer = recorded.begin(Some(table))?;
+    recorded.write_rows(&mut writer)?;
+    writer.finish()
 }

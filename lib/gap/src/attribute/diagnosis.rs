@@ -10,10 +10,11 @@ use crate::attribute::attribution::untried::{Untried, ignorance, unproven, untri
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, attribute};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
-use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::test::Test;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::prior::Prior;
+use gl_inference::rig::Kind;
 use gl_inference::samples::Samples;
 
 /// What may explain a gap: the effects of the prior, which act in all tests, and those of the measurement, each in its

@@ -1,7 +1,7 @@
 //! The question that every hypothesis answers: a measurement, and a simulation to explain it by.
 //!
 //! * What may explain it: [`hypothesis`], the candidates and their sets; [`measurement`], errors of the rig as candidates,
-//!   which transform a curve along the control's [`path`] and are each of one [`test`](mod@test); [`belief`], what was believed of
+//!   which transform a curve along the control's [`path`](gl_inference::path) and are each of one [`test`](mod@test); [`belief`], what was believed of
 //!   parameters whose bounds were made wider.
 //! * What predicts: [`predictor`], curves at any parameters; [`simulation`], those of a design's runs.
 //! * What is left: the covariance of the readings, which [`gaussian`] factors, with its smooth part by [`discrepancy`].
@@ -11,7 +11,6 @@ pub mod discrepancy;
 pub mod gaussian;
 pub mod hypothesis;
 pub mod measurement;
-pub mod path;
 pub mod predictor;
 pub mod simulation;
 pub mod test;
@@ -25,12 +24,14 @@ use crate::attribute::problem::belief::Belief;
 use crate::attribute::problem::discrepancy::Smooth;
 use crate::attribute::problem::gaussian::{Filled, Level, Patterns};
 use crate::attribute::problem::hypothesis::Candidate;
-use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::predictor::Predictor;
 use crate::attribute::problem::test::Test;
 use crate::noise::scale;
 use gl_inference::observations::Observations;
+use gl_inference::path::short;
 use gl_inference::prior::Prior;
+use gl_inference::rig::Kind;
 use gl_inference::units::Units;
 
 /// What all hypotheses share.
@@ -227,21 +228,26 @@ impl<'a> Problem<'a> {
     /// * `size` — its mean and its standard deviation.
     pub fn told_size(&self, effect: &MeasurementEffect, size: (f64, f64)) -> String {
         let test = &self.tests[effect.test];
-        let observable = test.observables.start + effect.observable;
-        let (range, way) = (self.ranges[observable], test.path.range());
         let behind = |unit: Option<&str>| unit.map_or_else(String::new, |unit| format!(" {unit}"));
-        let (unit, of_control) = (self.observable_units[observable].as_deref(), test.control_unit.as_deref());
-        let (times, unit) = match effect.kind {
-            Kind::Offset => (range, behind(unit)),
-            Kind::Drift => (range, format!("{} at the end", behind(unit))),
-            Kind::Gain => (100.0, " %".to_owned()),
-            Kind::Lag => (way, format!("{} of {}", behind(of_control), test.control_name)),
-            Kind::Compliance => (
-                way / range,
-                of_control.zip(unit).map_or_else(String::new, |(way, load)| format!(" {way}/{load}")),
-            ),
+        let of = self.observable_units[test.observables.start + effect.observable].as_deref();
+        let of_control = test.control_unit.as_deref();
+        let unit = match effect.kind {
+            Kind::Offset => behind(of),
+            Kind::Drift => format!("{} at the end", behind(of)),
+            Kind::Gain => " %".to_owned(),
+            Kind::Lag => format!("{} of {}", behind(of_control), test.control_name),
+            Kind::Compliance => {
+                of_control.zip(of).map_or_else(String::new, |(way, load)| format!(" {way}/{load}"))
+            }
         };
-        format!("{} = {} ± {}{unit}", effect.name, path::short(times * size.0), path::short(times * size.1))
+        let times = self.unit_of(effect) * if effect.kind == Kind::Gain { 100.0 } else { 1.0 };
+        format!("{} = {} ± {}{unit}", effect.name, short(times * size.0), short(times * size.1))
+    }
+
+    /// What a size of 1 of an error of the measurement is in the units of its kind.
+    pub fn unit_of(&self, effect: &MeasurementEffect) -> f64 {
+        let test = &self.tests[effect.test];
+        effect.unit(&test.path, &self.ranges[test.observables.clone()])
     }
 
     /// How much a reading counts in a gap over all of them, in which each observable counts alike: 1 where all have as

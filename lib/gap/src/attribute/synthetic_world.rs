@@ -5,10 +5,11 @@ use nalgebra::{DMatrix, DVector};
 use crate::attribute::attribution::{Explanation, attribute};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
-use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::predictor::{Predicted, Predictor};
 use gl_inference::observations::Observations;
 use gl_inference::prior::{Parameter, Prior, Scale};
+use gl_inference::rig::Kind;
 
 /// Curves a + b x, and an effect c sin(6x), x from 0 to 1: as components, exactly.
 pub struct Straight {

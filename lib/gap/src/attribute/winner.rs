@@ -22,15 +22,6 @@ pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Verdicts) -
     Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
 }
 
-/// Whether what comes first is an error of the measurement alone, where [`winning_effects`] has none to put in.
-///
-/// # Errors
-/// See [`winning_effects`].
-pub fn is_of_the_measurement(attribution: &Table, verdict: &Verdicts) -> Result<bool> {
-    let (name, _) = most_probable(attribution)?;
-    Ok(verdict.find("untried").is_none() && name != "none" && name != UNEXPLAINED)
-}
-
 /// The most probable cause and its probability: effects with a rest and without are one.
 ///
 /// # Errors
@@ -111,20 +102,5 @@ mod tests {
             |rows: &str| is_beside_a_rest(&table(&format!("hypothesis probability\n{rows}"))).unwrap();
         assert!(is_beside("x+y+unexplained 0.5\nx+y 0.3\nx 0.2\n"));
         assert!(!is_beside("x 0.5\nx+unexplained 0.3\ny+unexplained 0.2\n"));
-    }
-
-    #[test]
-    fn an_error_of_the_measurement_is_told_from_nothing_and_from_what_no_run_shows() {
-        let is_measured = |code: &str, rows: &str| {
-            let mut verdict = Verdicts::default();
-            verdict.add(code, 1, "said");
-            is_of_the_measurement(&table(&format!("hypothesis probability\n{rows}")), &verdict).unwrap()
-        };
-        assert!(is_measured("cause", "offset(q) 0.9\nnone 0.1\n"));
-        assert!(is_measured("cause-with-rest", "offset(q)+unexplained 0.9\nnone 0.1\n"));
-        for rows in ["none 0.9\noffset(q) 0.1\n", "unexplained 0.9\noffset(q) 0.1\n"] {
-            assert!(!is_measured("unsettled", rows), "{rows}");
-        }
-        assert!(!is_measured("untried", "x 0.9\nnone 0.1\n"));
     }
 }

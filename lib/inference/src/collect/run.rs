@@ -51,7 +51,8 @@ impl Collection<'_> {
                 return Err(Failure::NonFinite(format!("{file}: column {name}: {value:e}: the run blew up")));
             }
         }
-        align(&self.observations.control, &control, &values, self.end_tolerance)
+        let curves = align(&self.observations.control, &control, &values, self.end_tolerance)?;
+        Ok(self.rig.recorded(curves))
     }
 }
 

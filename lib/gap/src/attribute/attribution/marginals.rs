@@ -3,6 +3,8 @@
 use crate::attribute::attribution::Explanation;
 use crate::attribute::evidence::model::Meaning;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::Candidate;
+use crate::attribute::problem::measurement::MeasurementEffect;
 use gl_inference::summary::leaning;
 use gl_numeric::statistics::{Quantiles, mean, sd};
 
@@ -53,6 +55,20 @@ pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Margin
         }
     };
     model.meanings().into_iter().enumerate().map(marginal).collect()
+}
+
+/// The errors of the rig among the effects of a hypothesis, with what is known of the size of each.
+pub fn errors_of_the_rig<'p>(
+    problem: &'p Problem<'_>,
+    explanation: &Explanation,
+) -> Vec<(&'p MeasurementEffect, Marginal)> {
+    let error = |of: &Marginal| {
+        problem.candidates.iter().find_map(|candidate| match candidate {
+            Candidate::Measured(error) if error.name == of.name => Some(error),
+            _ => None,
+        })
+    };
+    marginals(problem, explanation).into_iter().filter_map(|of| Some((error(&of)?, of))).collect()
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@ use nalgebra::DVector;
 use crate::attribute::attribution::Explanation;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
-use crate::attribute::problem::measurement::{Kind, MeasurementEffect};
+use crate::attribute::problem::measurement::MeasurementEffect;
+use gl_inference::rig::Kind;
 
 /// What an effect adds is that of an error of the measurement where the square of the cosine between them is above this.
 const PARALLEL: f64 = 0.99;

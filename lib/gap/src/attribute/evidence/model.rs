@@ -95,12 +95,7 @@ impl<'a> Model<'a> {
             }
         }
         // The control is moved first, readings last: that is the order in the rig.
-        measured.sort_by_key(|effect| match effect.kind {
-            crate::attribute::problem::measurement::Kind::Compliance => 0,
-            crate::attribute::problem::measurement::Kind::Lag => 1,
-            crate::attribute::problem::measurement::Kind::Gain => 2,
-            _ => 3,
-        });
+        measured.sort_by_key(|effect: &&MeasurementEffect| effect.kind);
         let off = parameters.iter().map(|p| p.off.map_or(0.5, |off| p.coordinate(off))).collect();
         let has_form = has_rest && !hypothesis.is_empty();
         let mut model = Self {

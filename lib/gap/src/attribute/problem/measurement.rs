@@ -1,68 +1,14 @@
-//! Effects of the measurement itself, which transform a predicted curve and need no runs.
+//! Errors of the rig as candidates: they transform a predicted curve, and need no runs.
 
-use std::str::FromStr;
-
-use anyhow::{Error, Result, bail};
-
-use crate::attribute::problem::path::Path;
 use crate::attribute::problem::test::Test;
+use gl_inference::path::Path;
 use gl_inference::prior::{normal_cdf, normal_quantile};
-
-/// How a measurement may be at fault. Sizes are given as shares of ranges: the observable's, or the
-/// control's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// A constant added to an observable.
-    Offset,
-    /// An observable multiplied by 1 + gain.
-    Gain,
-    /// An error of an observable that grows evenly along the way travelled.
-    Drift,
-    /// The rig gives way under load: the specimen sees the control less a part proportional to the
-    /// first observable, which is taken for the load.
-    Compliance,
-    /// The observables are recorded late: they belong to an earlier control value.
-    Lag,
-}
+use gl_inference::rig::Kind;
 
 /// Standard deviation of the prior of a size, as a share of the range.
 const PRIOR_SD: f64 = 0.1;
 
-impl FromStr for Kind {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        Ok(match text.trim() {
-            "offset" => Self::Offset,
-            "gain" => Self::Gain,
-            "drift" => Self::Drift,
-            "compliance" => Self::Compliance,
-            "lag" => Self::Lag,
-            other => bail!(
-                "{other:?} is no effect of the measurement; they are offset, gain, drift, compliance, lag"
-            ),
-        })
-    }
-}
-
-impl Kind {
-    fn word(self) -> &'static str {
-        match self {
-            Self::Offset => "offset",
-            Self::Gain => "gain",
-            Self::Drift => "drift",
-            Self::Compliance => "compliance",
-            Self::Lag => "lag",
-        }
-    }
-
-    /// Whether it moves the control, not an observable.
-    fn is_of_control(self) -> bool {
-        matches!(self, Self::Compliance | Self::Lag)
-    }
-}
-
-/// One effect of the measurement.
+/// One effect of the measurement. Its size is given as a share of a range: the observable's, or the control's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementEffect {
     /// What kind it is.
@@ -113,34 +59,20 @@ impl MeasurementEffect {
         }
     }
 
+    /// What a size of 1 is in the units of its kind.
+    pub fn unit(&self, path: &Path, ranges: &[f64]) -> f64 {
+        let (range, way) = (ranges[self.observable], path.range());
+        match self.kind {
+            Kind::Offset | Kind::Drift => range,
+            Kind::Gain => 1.0,
+            Kind::Compliance => way / range,
+            Kind::Lag => way,
+        }
+    }
+
     /// Apply it at a size to a curve of its test, shape (observables · steps), with the observables' ranges.
     pub fn apply(&self, size: f64, path: &Path, ranges: &[f64], curve: &mut [f64]) {
-        let steps = path.control().len();
-        let range = ranges[self.observable];
-        let own = self.observable * steps..(self.observable + 1) * steps;
-        match self.kind {
-            Kind::Offset => curve[own].iter_mut().for_each(|y| *y += size * range),
-            Kind::Gain => curve[own].iter_mut().for_each(|y| *y *= 1.0 + size),
-            Kind::Drift => {
-                for (y, travelled) in curve[own].iter_mut().zip(path.travelled()) {
-                    *y += size * range * travelled;
-                }
-            }
-            Kind::Compliance => {
-                let shift: Vec<f64> =
-                    curve[own].iter().map(|load| -size * path.range() * load / range).collect();
-                for observable in curve.chunks_exact_mut(steps) {
-                    let seen = path.shifted(observable, &shift);
-                    observable.copy_from_slice(&seen);
-                }
-            }
-            Kind::Lag => {
-                for observable in curve.chunks_exact_mut(steps) {
-                    let seen = path.delayed(observable, size);
-                    observable.copy_from_slice(&seen);
-                }
-            }
-        }
+        self.kind.apply(size * self.unit(path, ranges), self.observable, path, curve);
     }
 }
 

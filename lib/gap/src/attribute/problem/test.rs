@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use crate::attribute::problem::discrepancy::Smooth;
-use crate::attribute::problem::path::Path;
 use gl_inference::observations::Observations;
+use gl_inference::path::Path;
 use gl_inference::stack::Stack;
 
 /// One test: observables that share a control. All readings stand behind each other, test by test, observable by

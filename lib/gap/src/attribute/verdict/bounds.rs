@@ -10,7 +10,7 @@ use crate::attribute::attribution::lean::Lean;
 use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::path::short;
+use gl_inference::path::short;
 
 /// Parameters that are beyond what was believed of them with a probability of 0.95, under what comes first, or under the
 /// same effects with a rest or without: a rest makes up for an effect that a bound cuts off. Where something unknown comes first,

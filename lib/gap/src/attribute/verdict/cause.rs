@@ -5,17 +5,16 @@ use gl_inference::fit::Fit;
 use gl_table::verdict::Verdicts;
 
 use super::{LITTLE, percent, rest};
-use crate::attribute::attribution::marginals::{Marginal, marginals};
+use crate::attribute::attribution::marginals::{Marginal, errors_of_the_rig, marginals};
 use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, MOST, UNEXPLAINED};
 use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
-use crate::attribute::problem::measurement::MeasurementEffect;
-use crate::attribute::problem::path::short;
 use crate::attribute::settled::{
     SETTLED, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
 };
+use gl_inference::path::short;
 
 /// Shares of the gap that differ by more are two, and their units are said.
 const ANOTHER: f64 = 0.05;
@@ -143,8 +142,12 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
         percent(of.closes)
     ));
     let base = problem.prior.base().len();
-    let sizes =
-        marginals(problem, of).iter().skip(base).map(|of| size(problem, of)).collect::<Vec<_>>().join(", ");
+    let errors = errors_of_the_rig(problem, of);
+    let size = |of: &Marginal| match errors.iter().find(|(error, _)| error.name == of.name) {
+        Some((error, _)) => problem.told_size(error, (of.mean, of.sd)),
+        None => format!("{} = {} ± {}", of.name, short(of.mean), short(of.sd)),
+    };
+    let sizes = marginals(problem, of).iter().skip(base).map(size).collect::<Vec<_>>().join(", ");
     let told = match of.hypothesis.first().map(|&candidate| &problem.candidates[candidate]) {
         Some(Candidate::Measured(_)) => format!("a check of the rig would: {sizes} has to show"),
         _ => format!("a test under other conditions would, where {effect} has to show with {sizes}"),
@@ -268,22 +271,6 @@ fn by_noise(diagnosis: &Diagnosis) -> String {
     }
 }
 
-/// How large something is.
-fn size(problem: &Problem<'_>, Marginal { name, mean, sd, .. }: &Marginal) -> String {
-    match error_of_the_rig(problem, name) {
-        Some(error) => problem.told_size(error, (*mean, *sd)),
-        None => format!("{name} = {} ± {}", short(*mean), short(*sd)),
-    }
-}
-
-/// The candidate of this name, if it is an error of the rig.
-fn error_of_the_rig<'p>(problem: &'p Problem<'_>, name: &str) -> Option<&'p MeasurementEffect> {
-    problem.candidates.iter().find_map(|candidate| match candidate {
-        Candidate::Measured(error) if error.name == name => Some(error),
-        _ => None,
-    })
-}
-
 /// What of the effects no simulation can have, and how large that is.
 fn add_errors_of_the_rig(
     verdicts: &mut Verdicts,
@@ -291,13 +278,13 @@ fn add_errors_of_the_rig(
     first: &Explanation,
     is_settled: bool,
 ) {
-    let mut of_the_rig = marginals(problem, first);
-    of_the_rig.retain(|of| error_of_the_rig(problem, &of.name).is_some());
-    if of_the_rig.is_empty() {
+    let errors = errors_of_the_rig(problem, first);
+    if errors.is_empty() {
         return;
     }
-    let names: Vec<&str> = of_the_rig.iter().map(|of| of.name.as_str()).collect();
-    let sizes: Vec<String> = of_the_rig.iter().map(|of| size(problem, of)).collect();
+    let names: Vec<&str> = errors.iter().map(|(error, _)| error.name.as_str()).collect();
+    let sizes: Vec<String> =
+        errors.iter().map(|(error, of)| problem.told_size(error, (of.mean, of.sd))).collect();
     let is_one = names.len() == 1;
     let are = match (is_settled, is_one) {
         (true, true) => "is an error",
@@ -306,13 +293,8 @@ fn add_errors_of_the_rig(
         (false, false) => "would be errors",
     };
     let them = if is_one { "it" } else { "them" };
-    let stays = if first.hypothesis.len() > names.len() {
-        "; with the other effect alone in the simulation what it makes of the gap stays"
-    } else {
-        ""
-    };
     verdicts.add("rig", names.join(","), format!(
-        "{} {are} of the rig, which no simulation makes: correct the measurement for {them} and calibrate again{stays}",
+        "{} {are} of the rig, which no simulation makes: correct the measurement for {them}, or calibrate with {them} as rig in case.toml (gl-collect --rig)",
         sizes.join(" and ")
     ));
 }
@@ -325,8 +307,9 @@ mod tests {
     use crate::attribute::attribution::lean::Lean;
     use crate::attribute::attribution::untried::untried;
     use crate::attribute::diagnosis::diagnose;
-    use crate::attribute::problem::measurement::Kind;
+    use crate::attribute::problem::measurement::MeasurementEffect;
     use crate::attribute::synthetic_world::Straight;
+    use gl_inference::rig::Kind;
 
     /// What is said of the cause where something unknown comes first with this probability, and the emulator has this variance.
     fn said_of_something_unknown(probability: f64, variance: f64) -> String {
@@ -396,7 +379,10 @@ mod tests {
         assert_eq!(said("wave"), None);
         let (value, text) = said("offset(y)").unwrap();
         assert_eq!(value, "offset(y)");
-        assert!(text.starts_with("offset(y) = ") && text.ends_with("for it and calibrate again"), "{text}");
+        assert!(
+            text.starts_with("offset(y) = ") && text.contains("for it, or calibrate with it as rig"),
+            "{text}"
+        );
     }
 
     #[test]

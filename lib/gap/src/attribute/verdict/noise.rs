@@ -4,8 +4,8 @@ use gl_table::verdict::Verdicts;
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::path::short;
 use crate::noise::OTHER_NOISE;
+use gl_inference::path::short;
 
 /// Above this correlation from one reading to the next the noise is said to be correlated.
 const CORRELATED: f64 = 0.35;

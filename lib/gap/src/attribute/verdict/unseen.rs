@@ -8,7 +8,7 @@ use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::name;
-use crate::attribute::problem::path::short;
+use gl_inference::path::short;
 
 /// Effects that nothing can be said of yet, where something unknown comes first, or other effects.
 pub(super) fn add_untried(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {

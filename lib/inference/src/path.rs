@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use gl_inference::observations::range;
+use crate::observations::range;
 
 /// Control values of a measurement in the order in which they were imposed.
 #[derive(Clone, Debug)]
@@ -74,11 +74,11 @@ impl Path {
         self.travelled.iter().enumerate().map(|(t, way)| 0.5 * (way + t as f64 / last)).collect()
     }
 
-    /// A curve as it was a way `lag` (a share of the control's range) earlier, across turning points. What
-    /// was there before the test began is what it began with.
+    /// A curve as it was a way `lag` earlier, in units of the control, across turning points. What was there before the
+    /// test began is what it began with.
     pub fn delayed(&self, curve: &[f64], lag: f64) -> Vec<f64> {
         let whole: f64 = self.control.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
-        let share = if whole > 0.0 { lag * self.range() / whole } else { 0.0 };
+        let share = if whole > 0.0 { lag / whole } else { 0.0 };
         self.travelled.iter().map(|&at| interpolate(&self.travelled, curve, (at - share).max(0.0))).collect()
     }
 
@@ -194,7 +194,7 @@ mod tests {
         let path = Path::new(&control);
         let curve = [0.0, 1.0, 2.0, 3.0, 4.0];
         assert_eq!(path.shifted(&curve, &[0.0, 0.5, 0.0, 0.5, 0.0]), [0.0, 1.5, 2.0, 2.5, 4.0]);
-        let late = path.delayed(&curve, 0.25);
+        let late = path.delayed(&curve, 0.5);
         for (t, value) in late.iter().enumerate() {
             assert!((value - (t as f64 - 0.5).max(0.0)).abs() < 1e-12, "{late:?}");
         }
@@ -227,7 +227,7 @@ mod tests {
     fn a_lag_makes_nothing_up_from_before_the_test_began() {
         let control: Vec<f64> = (0..40).map(f64::from).collect();
         let curve: Vec<f64> = control.iter().map(|u| u.sqrt()).collect();
-        let late = Path::new(&control).delayed(&curve, 3.0 / 39.0);
+        let late = Path::new(&control).delayed(&curve, 3.0);
         assert!(late[..4].iter().all(|value| value.abs() < 1e-12), "{:?}", &late[..4]);
         assert!((late[20] - 17f64.sqrt()).abs() < 1e-6);
     }

@@ -1,0 +1,314 @@
+//! Errors of the rig: what a measurement has, and no run.
+//!
+//! They are added to a run, which then is what the rig would have recorded of it; the measurement stays as it is.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use anyhow::{Context, Error, Result, bail, ensure};
+
+use crate::ensemble::Ensemble;
+use crate::observations::Observations;
+use crate::path::Path;
+
+/// How a measurement may be at fault, in the order in which a rig does it: the control is moved first, readings are
+/// changed after it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// The rig gives way under load: the specimen sees the control less a part proportional to the
+    /// first observable, which is taken for the load. In units of the control per unit of load.
+    Compliance,
+    /// The observables are recorded late: they belong to an earlier control value. In units of the control.
+    Lag,
+    /// An observable multiplied by 1 + gain.
+    Gain,
+    /// An error of an observable that grows evenly along the way travelled; as it is at the end, in units of the observable.
+    Drift,
+    /// A constant added to an observable, in its units.
+    Offset,
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let text = text.trim();
+        Self::ALL.into_iter().find(|kind| kind.word() == text).with_context(|| {
+            format!(
+                "{text:?} is no effect of the measurement; they are {}",
+                Self::ALL.map(Self::word).join(", ")
+            )
+        })
+    }
+}
+
+impl Kind {
+    /// All of them, the plainest first.
+    pub const ALL: [Self; 5] = [Self::Offset, Self::Gain, Self::Drift, Self::Compliance, Self::Lag];
+
+    /// What it is called.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Offset => "offset",
+            Self::Gain => "gain",
+            Self::Drift => "drift",
+            Self::Compliance => "compliance",
+            Self::Lag => "lag",
+        }
+    }
+
+    /// Whether it moves the control, not an observable.
+    pub fn is_of_control(self) -> bool {
+        matches!(self, Self::Compliance | Self::Lag)
+    }
+
+    /// Add it to a curve.
+    ///
+    /// * `size` — in the units of this kind.
+    /// * `observable` — the one that it acts on; for a compliance the load; of no meaning for a lag.
+    /// * `curve` — shape (observables · steps).
+    pub fn apply(self, size: f64, observable: usize, path: &Path, curve: &mut [f64]) {
+        let steps = path.control().len();
+        let own = observable * steps..(observable + 1) * steps;
+        match self {
+            Self::Offset => curve[own].iter_mut().for_each(|y| *y += size),
+            Self::Gain => curve[own].iter_mut().for_each(|y| *y *= 1.0 + size),
+            Self::Drift => {
+                for (y, travelled) in curve[own].iter_mut().zip(path.travelled()) {
+                    *y += size * travelled;
+                }
+            }
+            Self::Compliance => {
+                let shift: Vec<f64> = curve[own].iter().map(|load| -size * load).collect();
+                for observable in curve.chunks_exact_mut(steps) {
+                    let seen = path.shifted(observable, &shift);
+                    observable.copy_from_slice(&seen);
+                }
+            }
+            Self::Lag => {
+                for observable in curve.chunks_exact_mut(steps) {
+                    let seen = path.delayed(observable, size);
+                    observable.copy_from_slice(&seen);
+                }
+            }
+        }
+    }
+}
+
+/// Which error it is: its kind, and what it acts on; empty for an error of the control.
+type Which = (Kind, String);
+
+/// The errors of the rig of one test, each with its size in the units of its kind, as in `offset(q)=0.3,lag=0.02`.
+///
+/// ```
+/// let rig: gl_inference::rig::Rig = "offset(q)=0.3,lag=0.02".parse().unwrap();
+/// assert_eq!(rig.to_string(), "lag=0.02,offset(q)=0.3");
+/// assert!("offset=0.3".parse::<gl_inference::rig::Rig>().is_err());
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rig(BTreeMap<Which, f64>);
+
+impl FromStr for Rig {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let mut rig = Self::default();
+        for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
+            let (name, size) = part
+                .rsplit_once('=')
+                .with_context(|| format!("{part:?} is not ERROR=SIZE, such as offset(q)=0.3 or lag=0.02"))?;
+            let size = size.trim().parse().with_context(|| format!("{part:?}: {size:?} is no number"))?;
+            rig.add(name.trim(), size)?;
+        }
+        Ok(rig)
+    }
+}
+
+impl fmt::Display for Rig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, (name, size)) in self.errors().enumerate() {
+            let comma = if place > 0 { "," } else { "" };
+            write!(f, "{comma}{name}={size}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Rig {
+    /// Add an error by its name, `offset(q)` or `lag`; one that is there already becomes so much larger.
+    ///
+    /// # Errors
+    /// If there is no such kind of error, the size is not finite, or it is not said, or said in vain, what it acts on.
+    pub fn add(&mut self, name: &str, size: f64) -> Result<()> {
+        let (kind, of) = match name.strip_suffix(')').and_then(|name| name.split_once('(')) {
+            Some((kind, of)) => (kind.parse::<Kind>()?, of.trim()),
+            None => (name.parse::<Kind>()?, ""),
+        };
+        ensure!(size.is_finite(), "{name}={size}: give a number");
+        let word = kind.word();
+        if kind.is_of_control() {
+            ensure!(of.is_empty(), "{name}: a {word} is of all observables; give {word}=SIZE");
+        } else {
+            ensure!(!of.is_empty(), "{name}: of which observable? Give {word}(OBSERVABLE)=SIZE");
+        }
+        *self.0.entry((kind, of.to_owned())).or_default() += size;
+        Ok(())
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The observables that errors are of.
+    pub fn observables(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(|(_, of)| of.as_str()).filter(|of| !of.is_empty())
+    }
+
+    /// Names and sizes, in the order in which a rig does them.
+    pub fn errors(&self) -> impl Iterator<Item = (String, f64)> {
+        self.0.iter().map(|((kind, of), size)| {
+            let word = kind.word();
+            (if of.is_empty() { word.to_owned() } else { format!("{word}({of})") }, *size)
+        })
+    }
+
+    /// The errors at the steps of a measurement.
+    ///
+    /// # Errors
+    /// If one is of an observable that there is not.
+    pub fn at(&self, observations: &Observations) -> Result<RigAt> {
+        let names = &observations.names;
+        let place = |((kind, of), size): (&Which, &f64)| {
+            let place = if of.is_empty() { Some(0) } else { names.iter().position(|name| name == of) };
+            match place {
+                Some(place) => Ok((*kind, place, *size)),
+                None => bail!("{}({of}): no observable {of}; they are {}", kind.word(), names.join(", ")),
+            }
+        };
+        let errors = self.0.iter().map(place).collect::<Result<_>>()?;
+        Ok(RigAt { errors, path: Path::new(&observations.control) })
+    }
+}
+
+/// The name of an error in its own test: that of `offset(tx100.q)` is `offset(q)` in the test tx100, that of `lag(tx100)` is
+/// `lag`; none in another test. Where tests have no names it is the same.
+pub fn own_name(error: &str, test: &str) -> Option<String> {
+    if test.is_empty() {
+        return Some(error.to_owned());
+    }
+    let (kind, of) = error.strip_suffix(')')?.split_once('(')?;
+    match of.split_once('.') {
+        Some((named, of)) => (named == test).then(|| format!("{kind}({of})")),
+        None => (of == test).then(|| kind.to_owned()),
+    }
+}
+
+/// [`Rig`] at the steps of a measurement.
+#[derive(Clone, Debug)]
+pub struct RigAt {
+    errors: Vec<(Kind, usize, f64)>,
+    path: Path,
+}
+
+impl RigAt {
+    /// Curves as the rig would have recorded them, shape (observables, steps).
+    pub fn recorded(&self, curves: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        if self.errors.is_empty() {
+            return curves;
+        }
+        let mut all = curves.concat();
+        for &(kind, observable, size) in &self.errors {
+            kind.apply(size, observable, &self.path, &mut all);
+        }
+        all.chunks(self.path.control().len().max(1)).map(<[f64]>::to_vec).collect()
+    }
+
+    /// The runs as the rig would have recorded them.
+    pub fn recorded_runs(&self, observations: &Observations, runs: &Ensemble) -> Ensemble {
+        let mut recorded = Ensemble::new(observations, false);
+        for (run, name) in runs.samples.iter().enumerate() {
+            recorded.push(name, &self.recorded(runs.curves(run)), None);
+        }
+        recorded
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    /// A measurement at the steps 0, 1 and 2 of the control.
+    fn measured(observables: &[&str]) -> Observations {
+        Observations {
+            source: "obs".to_owned(),
+            control_name: "x".to_owned(),
+            control: vec![0.0, 1.0, 2.0],
+            names: observables.iter().map(|&name| name.to_owned()).collect(),
+            values: vec![vec![0.0; 3]; observables.len()],
+            sd: vec![None; observables.len()],
+        }
+    }
+
+    fn recorded(rig: &str, curves: [&[f64]; 2]) -> Vec<Vec<f64>> {
+        let rig: Rig = rig.parse().unwrap();
+        rig.at(&measured(&["f", "g"])).unwrap().recorded(curves.map(<[f64]>::to_vec).to_vec())
+    }
+
+    #[test]
+    fn each_error_does_to_a_run_what_it_does_to_a_measurement() {
+        let curves: [&[f64]; 2] = [&[0.0, 2.0, 4.0], &[1.0, 1.0, 3.0]];
+        for (rig, f, g) in [
+            ("", [0.0, 2.0, 4.0], [1.0, 1.0, 3.0]),
+            ("offset(g)=0.5", [0.0, 2.0, 4.0], [1.5, 1.5, 3.5]),
+            ("gain(f)=0.1", [0.0, 2.2, 4.4], [1.0, 1.0, 3.0]),
+            ("drift(f)=1", [0.0, 2.5, 5.0], [1.0, 1.0, 3.0]),
+            // Recorded one step late; before the test began there is what it began with.
+            ("lag=1", [0.0, 0.0, 2.0], [1.0, 1.0, 1.0]),
+            // At a load of 4 the specimen sees the control less 1, at 2 less a half.
+            ("compliance=0.25", [0.0, 1.0, 2.0], [1.0, 0.75, 1.0]),
+            // What a gain multiplies has no offset yet.
+            ("offset(f)=1,gain(f)=0.1", [1.0, 3.2, 5.4], [1.0, 1.0, 3.0]),
+        ] {
+            let recorded = recorded(rig, curves);
+            for (got, expected) in recorded.concat().iter().zip([f, g].concat()) {
+                assert!((got - expected).abs() < 1e-12, "{rig}: {recorded:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_error_of_the_rig_is_refused_with_what_would_be_right() {
+        let said = |text: &str| format!("{:#}", text.parse::<Rig>().unwrap_err());
+        assert!(said("offset").contains("is not ERROR=SIZE, such as offset(q)=0.3"));
+        assert!(said("tilt(q)=1").contains("they are offset, gain, drift, compliance, lag"));
+        assert_eq!(said("lag(q)=1"), "lag(q): a lag is of all observables; give lag=SIZE");
+        assert_eq!(said("gain=1"), "gain: of which observable? Give gain(OBSERVABLE)=SIZE");
+        assert!(said("gain(q)=x").contains("\"x\" is no number"));
+        assert!(said("gain(q)=inf").contains("give a number"));
+        let error = "offset(q)=1".parse::<Rig>().unwrap().at(&measured(&["f"])).unwrap_err();
+        assert_eq!(error.to_string(), "offset(q): no observable q; they are f");
+    }
+
+    #[test]
+    fn an_error_of_a_test_is_called_as_in_a_case_of_that_test_alone() {
+        for (error, test, own) in [
+            ("offset(tx100.q)", "tx100", Some("offset(q)")),
+            ("offset(tx100.q)", "tx10", None),
+            ("lag(tx100)", "tx100", Some("lag")),
+            ("lag(tx100)", "tx10", None),
+            ("lag", "tx10", None),
+            ("offset(q)", "", Some("offset(q)")),
+        ] {
+            assert_eq!(own_name(error, test).as_deref(), own, "{error} in {test}");
+        }
+    }
+
+    #[test]
+    fn an_error_that_is_there_twice_is_as_large_as_both() {
+        assert_eq!("offset(q)=1,offset(q)=0.5".parse::<Rig>().unwrap().to_string(), "offset(q)=1.5");
+    }
+}
