@@ -394,11 +394,11 @@ pub fn named(test: &str, observable: &str) -> String {
 
 /// What is concluded where no stretch stands out.
 fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
-    /// Neighbours this far on the other side of each other alternate.
-    const ALTERNATES: f64 = -0.25;
+    /// Neighbours this far on the other side of each other alternate, and as far on the same side they are no white noise.
+    const CORRELATED: f64 = 0.25;
     if !fit.is_bad() {
         verdicts.add("no-gap", fit.probability, "No gap beyond what noise and posterior spread explain.");
-    } else if fit.correlation < ALTERNATES {
+    } else if fit.correlation < -CORRELATED {
         verdicts.add(
             "alternates",
             fit.correlation,
@@ -414,6 +414,17 @@ fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
                  readings are off to the same side (correlation {:.1}): a gap that a wide posterior hides, or a noise that is \
                  correlated. A posterior of more runs would tell.",
                 fit.correlation
+            ),
+        );
+    } else if fit.correlation > CORRELATED {
+        verdicts.add(
+            "smooth",
+            fit.correlation,
+            format!(
+                "No stretch stands out, but what is left is {:.1} times noise and posterior spread, and neighbouring readings are \
+                 off to the same side (correlation {:.1}): a gap that is spread over all of them, as a drift is, or a noise \
+                 that is correlated.",
+                fit.scatter, fit.correlation
             ),
         );
     } else {
@@ -455,6 +466,20 @@ mod tests {
     fn alarms(replicates: u64, phi: f64, runs: usize, known: bool) -> usize {
         let alarm = |seed| located(seed, &none(), phi, runs, known).iter().any(|stretch| stretch.significant);
         (0..replicates).filter(|&seed| alarm(seed)).count()
+    }
+
+    #[test]
+    fn where_no_stretch_stands_out_what_is_left_is_told_by_how_neighbours_are() {
+        let code = |probability: f64, scatter: f64, correlation: f64| {
+            let mut verdicts = Verdicts::default();
+            without_stretch(&mut verdicts, &Fit { probability, scatter, correlation });
+            verdicts.rows.remove(0).code
+        };
+        assert_eq!(code(0.5, 1.3, 0.8), "no-gap");
+        assert_eq!(code(1e-5, 1.3, 0.1), "noise-scale");
+        assert_eq!(code(1e-5, 1.3, 0.8), "smooth");
+        assert_eq!(code(1e-5, 0.9, 0.2), "smooth");
+        assert_eq!(code(1e-5, 1.3, -0.8), "alternates");
     }
 
     #[test]
