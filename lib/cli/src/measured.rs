@@ -1,13 +1,14 @@
 //! What was measured, on the command line: one test, or several.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::misfit::Incomplete;
 use gl_inference::observations::{ByName, Observations, Steps};
 use gl_inference::stack::{OfTest, Stack, Test, TestTables};
+use gl_table::Table;
 
 /// The tables of the measurement and its noise; beside them stand a `control` and `observables`.
 #[derive(Args, Clone, Debug)]
@@ -66,6 +67,43 @@ pub struct Part {
     pub noise: Option<Vec<Vec<f64>>>,
     /// Its runs at the compared steps.
     pub ensemble: Ensemble,
+}
+
+/// The tests with the readings that a table, `observable step`, says are far off; steps are counted in the measurement.
+///
+/// # Errors
+/// If the table cannot be read, or one is of an observable or a step that there is not.
+pub fn without_far_off(mut parts: Vec<Part>, table: &Path) -> Result<Vec<Part>> {
+    #[derive(serde::Deserialize)]
+    struct Reading {
+        observable: String,
+        step: usize,
+    }
+    let source = table.display();
+    for Reading { observable, step } in Table::read(table)?.rows::<Reading>()? {
+        let of = |part: &Part| {
+            let own = match part.name.as_str() {
+                "" => Some(observable.as_str()),
+                name => observable.strip_prefix(name).and_then(|own| own.strip_prefix('.')),
+            };
+            part.observations.names.iter().position(|name| Some(name.as_str()) == own)
+        };
+        let found = parts.iter_mut().find_map(|part| of(part).map(|place| (part, place)));
+        let Some((part, place)) = found else { bail!("{source}: no observable {observable}") };
+        let all = part.first..part.first + part.observations.steps();
+        ensure!(
+            all.contains(&step),
+            "{source}: step {step} of {observable} is none of {}:{}",
+            all.start,
+            all.end
+        );
+        part.observations.far_off.resize(part.observations.names.len(), Vec::new());
+        let far_off = &mut part.observations.far_off[place];
+        far_off.push(step - part.first);
+        far_off.sort_unstable();
+        far_off.dedup();
+    }
+    Ok(parts)
 }
 
 /// Which samples the tests lack.

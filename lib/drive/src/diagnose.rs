@@ -73,14 +73,12 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     if diagnosis.attribute()? == Progress::InQueue {
         return Ok(Progress::InQueue);
     }
-    // What the prior excluded is no gap of the model.
-    if diagnosis.wider_prior().is_some() {
-        let base = diagnosis.base();
-        if diagnosis.calibrate(&base, None)? == Progress::InQueue {
-            return Ok(Progress::InQueue);
-        }
-        diagnosis.locate(&base)?;
+    // What the prior excluded is no gap of the model, and neither are readings that are far off.
+    let base = diagnosis.base();
+    if diagnosis.calibrate(&base, None)? == Progress::InQueue {
+        return Ok(Progress::InQueue);
     }
+    diagnosis.locate(&base)?;
     let winner = diagnosis.winner()?;
     if diagnosis.shrink(&winner)? == Progress::InQueue {
         return Ok(Progress::InQueue);
@@ -196,13 +194,21 @@ impl Diagnosis<'_> {
         self.file(if self.wider_prior().is_some() { BASE_WIDER } else { BASE })
     }
 
+    /// Readings that look like outliers, as soon as some are known.
+    fn outliers(&self) -> Result<Option<PathBuf>> {
+        let table = self.file(OUTLIERS);
+        Ok(if table.is_file() && !Table::read(&table)?.is_empty() { Some(table) } else { None })
+    }
+
     /// Where the calibrated model misses the measurement.
     fn locate(&self, base: &Path) -> Result<()> {
-        let table = self.file("locate.txt");
-        if is_current(&table, &[base.join("posterior.txt")])? {
+        let (table, outliers) = (self.file("locate.txt"), self.outliers()?);
+        let inputs: Vec<PathBuf> = outliers.iter().cloned().chain([base.join("posterior.txt")]).collect();
+        if is_current(&table, &inputs)? {
             return Ok(());
         }
         let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
+            .option("--outliers", outliers.map(|table| table.display().to_string()))
             .flag("-w", base.join(RUNS_WEIGHTS))
             .option("--units", units(self.case))
             .verdict(&self.file("locate-verdict.txt"))
@@ -247,10 +253,12 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(winner))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
+        let outliers = self.outliers()?.map(|table| table.display().to_string());
         // For the picture of the page.
         let located = self.file("locate-after.txt");
         if !is_current(&located, &[self.file(Winner::FILE), after.join("posterior.txt")])? {
             let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
+                .option("--outliers", outliers.clone())
                 .flag("-w", after.join(RUNS_WEIGHTS))
                 .option("--units", units(self.case))
                 .flag("-o", located)
@@ -274,6 +282,7 @@ impl Diagnosis<'_> {
         };
         let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
+            .option("--outliers", outliers)
             .flag("--before", tables(&base))
             .flag("--after", tables(&after));
         if let Some(seen) = seen(self.case) {
@@ -371,6 +380,9 @@ const FORETOLD: &str = "predicted-shrink.txt";
 
 /// The errors of the rig in what comes first.
 const RIG: &str = "rig.txt";
+
+/// The readings that look like outliers beside it.
+const OUTLIERS: &str = "outliers.txt";
 
 /// Whether what is foretold first is of this cause.
 fn is_of(foretold: &Path, first: &str) -> Result<bool> {

@@ -580,6 +580,7 @@ mod tests {
             control: (0..STEPS).map(|step| step as f64).collect(),
             names: vec!["f".to_owned()],
             values: vec![(0..STEPS).map(|step| (step as f64 + 1.0) / STEPS as f64).collect()],
+            far_off: Vec::new(),
             sd: vec![None],
         };
         let mut generator = ChaCha8Rng::seed_from_u64(4);
@@ -641,6 +642,7 @@ mod tests {
                 control: (0..STEPS).map(|step| step as f64).collect(),
                 names: vec!["f".to_owned()],
                 values: vec![curve(2.0)],
+                far_off: Vec::new(),
                 sd: vec![None],
             };
             let names = gl_inference::samples::sample_names("test", 0, 32).unwrap();

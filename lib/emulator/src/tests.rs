@@ -45,6 +45,7 @@ fn without_runs() -> Ensemble {
         control: (0..STEPS).map(|step| step as f64).collect(),
         names: vec!["f".to_owned(), "e".to_owned()],
         values: vec![vec![0.0; STEPS]; 2],
+        far_off: Vec::new(),
         sd: vec![None; 2],
     };
     Ensemble::new(&observations, false)

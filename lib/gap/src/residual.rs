@@ -29,7 +29,8 @@ const MOST_DIRECTIONS: usize = 20;
 /// nothing.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// Measurement minus posterior mean, shape (observables, steps).
+/// Measurement minus posterior mean, shape (observables, steps). Of a reading that is far off no gap is made: it is taken to
+/// miss by what its neighbours do.
 ///
 /// # Errors
 /// If the ensemble has no runs, or other steps than the measurement.
@@ -42,7 +43,19 @@ pub fn gap(observations: &Observations, ensemble: &Ensemble, weights: &[f64]) ->
             gap.iter_mut().zip(ensemble.curve(run, j)).for_each(|(gap, y)| *gap -= weight * y);
         }
     }
+    gap.iter_mut().zip(&observations.far_off).for_each(|(gap, far_off)| as_neighbours(gap, far_off));
     Ok(gap)
+}
+
+/// Make values that are far off, at these ascending places, the mean of the nearest ones to either side that are not.
+pub fn as_neighbours(values: &mut [f64], far_off: &[usize]) {
+    let is_good = |place: &usize| far_off.binary_search(place).is_err();
+    for &place in far_off {
+        let before = (0..place).rev().find(is_good);
+        let after = (place + 1..values.len()).find(is_good);
+        let near: Vec<f64> = before.into_iter().chain(after).map(|place| values[place]).collect();
+        values[place] = near.iter().sum::<f64>() / near.len().max(1) as f64;
+    }
 }
 
 /// The spread of the posterior, with the simulation's scatter and the emulator's ignorance in it.
@@ -192,6 +205,16 @@ mod tests {
         assert!((effective - 3.0).abs() < 1e-9, "{effective}");
         assert_eq!(tempered(&[0.5, 0.5, 0.0], 3.0), [0.5, 0.5, 0.0]);
         assert_eq!(tempered(&[0.25; 4], 3.0), [0.25; 4]);
+    }
+
+    #[test]
+    fn what_is_far_off_misses_by_what_its_neighbours_do() {
+        let mut values = [9.0, 1.0, 3.0, 9.0, 9.0, 5.0, 9.0];
+        as_neighbours(&mut values, &[0, 3, 4, 6]);
+        assert_eq!(values, [1.0, 1.0, 3.0, 4.0, 4.0, 5.0, 5.0]);
+        let mut nothing = [9.0];
+        as_neighbours(&mut nothing, &[0]);
+        assert_eq!(nothing, [0.0]);
     }
 
     #[test]

@@ -98,6 +98,7 @@ mod tests {
             control: vec![0.0, 1.0],
             names: vec!["q".to_owned()],
             values: vec![vec![0.0; 2]],
+            far_off: Vec::new(),
             sd: vec![None],
         };
         let mut rng = ChaCha8Rng::seed_from_u64(5);

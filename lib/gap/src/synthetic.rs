@@ -55,6 +55,7 @@ fn build(seed: u64, gap: &[Vec<f64>], size: f64, phi: f64, runs: usize, width: f
         control: (0..steps).map(|step| step as f64).collect(),
         names: vec!["q".to_owned(), "n".to_owned()],
         values,
+        far_off: Vec::new(),
         sd: vec![None, None],
     };
     let mut ensemble = Ensemble::new(&observations, false);

@@ -24,6 +24,8 @@ pub struct Observations {
     /// Standard deviation of the measurement noise, shape (observables, steps), where a column
     /// `<observable>_sd` gives it.
     pub sd: Vec<Option<Vec<f64>>>,
+    /// Steps of each observable whose readings are far off, ascending, of which no gap is made; empty where none are known.
+    pub far_off: Vec<Vec<usize>>,
 }
 
 impl Observations {
@@ -66,6 +68,7 @@ impl Observations {
             names: observables.to_vec(),
             values,
             sd,
+            far_off: Vec::new(),
         })
     }
 
@@ -84,10 +87,14 @@ impl Observations {
     pub fn part(&self, steps: std::ops::Range<usize>) -> Self {
         let cut =
             |values: &Vec<f64>| values[steps.start.min(values.len())..steps.end.min(values.len())].to_vec();
+        let within = |far: &Vec<usize>| {
+            far.iter().filter(|step| steps.contains(step)).map(|step| step - steps.start).collect()
+        };
         Self {
             control: cut(&self.control),
             values: self.values.iter().map(cut).collect(),
             sd: self.sd.iter().map(|sd| sd.as_ref().map(cut)).collect(),
+            far_off: self.far_off.iter().map(within).collect(),
             ..self.clone()
         }
     }

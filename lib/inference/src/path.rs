@@ -82,14 +82,16 @@ impl Path {
         self.travelled.iter().map(|&at| interpolate(&self.travelled, curve, (at - share).max(0.0))).collect()
     }
 
-    /// A curve at control values `shift` further on, each on its own branch, shapes (steps,).
-    pub fn shifted(&self, curve: &[f64], shift: &[f64]) -> Vec<f64> {
-        (0..curve.len())
-            .map(|t| {
-                let (start, end) = self.branch[t];
-                interpolate(&self.control[start..end], &curve[start..end], self.control[t] + shift[t])
-            })
-            .collect()
+    /// The branches in their order: the last step of one, where the control turns, is the first one of the next.
+    pub fn branches(&self) -> Vec<Range<usize>> {
+        let mut branches: Vec<Range<usize>> = self.branch.iter().map(|&(start, end)| start..end).collect();
+        branches.dedup();
+        branches
+    }
+
+    /// A curve, shape (steps,), at a control value on a branch.
+    pub fn on(&self, branch: &Range<usize>, curve: &[f64], at: f64) -> f64 {
+        interpolate(&self.control[branch.clone()], &curve[branch.clone()], at)
     }
 }
 
@@ -178,22 +180,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_parabola_is_shifted_exactly_inside() {
+    fn a_parabola_is_read_between_its_steps_exactly() {
         let control: Vec<f64> = (0..11).map(f64::from).collect();
         let curve: Vec<f64> = control.iter().map(|u| u * u).collect();
-        let shifted = Path::new(&control).shifted(&curve, &[-0.3; 11]);
+        let path = Path::new(&control);
+        assert_eq!(path.branches(), [0..11]);
         for t in 2..10 {
-            assert!((shifted[t] - (control[t] - 0.3).powi(2)).abs() < 1e-12, "{t}");
+            let at = control[t] - 0.3;
+            assert!((path.on(&(0..11), &curve, at) - at * at).abs() < 1e-12, "{t}");
+            assert_eq!(path.on(&(0..11), &curve, control[t]), curve[t]);
         }
-        assert_eq!(Path::new(&control).shifted(&curve, &[0.0; 11]), curve);
     }
 
     #[test]
-    fn a_shift_stays_on_its_branch_and_a_lag_crosses_the_turning_point() {
+    fn a_lag_crosses_the_turning_point_and_a_branch_ends_there() {
         let control = [0.0, 1.0, 2.0, 1.0, 0.0];
         let path = Path::new(&control);
         let curve = [0.0, 1.0, 2.0, 3.0, 4.0];
-        assert_eq!(path.shifted(&curve, &[0.0, 0.5, 0.0, 0.5, 0.0]), [0.0, 1.5, 2.0, 2.5, 4.0]);
+        assert_eq!(path.branches(), [0..3, 2..5]);
+        assert_eq!([path.on(&(0..3), &curve, 1.5), path.on(&(2..5), &curve, 1.5)], [1.5, 2.5]);
         let late = path.delayed(&curve, 0.5);
         for (t, value) in late.iter().enumerate() {
             assert!((value - (t as f64 - 0.5).max(0.0)).abs() < 1e-12, "{late:?}");

@@ -16,8 +16,9 @@ use crate::path::Path;
 /// changed after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// The rig gives way under load: the specimen sees the control less a part proportional to the
-    /// first observable, which is taken for the load. In units of the control per unit of load.
+    /// The rig gives way under load: since its last turn the specimen has moved by the way of the control less a part
+    /// proportional to what the first observable, which is taken for the load, has changed by. In units of the control per unit
+    /// of load.
     Compliance,
     /// The observables are recorded late: they belong to an earlier control value. In units of the control.
     Lag,
@@ -79,13 +80,7 @@ impl Kind {
                     *y += size * travelled;
                 }
             }
-            Self::Compliance => {
-                let shift: Vec<f64> = curve[own].iter().map(|load| -size * load).collect();
-                for observable in curve.chunks_exact_mut(steps) {
-                    let seen = path.shifted(observable, &shift);
-                    observable.copy_from_slice(&seen);
-                }
-            }
+            Self::Compliance => give_way(size, observable, path, curve),
             Self::Lag => {
                 for observable in curve.chunks_exact_mut(steps) {
                     let seen = path.delayed(observable, size);
@@ -94,6 +89,76 @@ impl Kind {
             }
         }
     }
+}
+
+/// What is recorded where the rig gives way by `compliance` per unit of load, from the curves of a stiff one, shape (observables ·
+/// steps).
+///
+/// Its load is that which the specimen bears where it is. A specimen that is turned earlier unloads from less: it takes the
+/// branch of the stiff rig from where that bears as much as it does. So one whose load is the same on either branch goes back as
+/// it came, and one that yields unloads from its turn, with its own stiffness and the rig's. What an observable differs by there
+/// it keeps along the branch.
+fn give_way(compliance: f64, load: usize, path: &Path, curve: &mut [f64]) {
+    let control = path.control();
+    let steps = control.len();
+    let stiff = curve.to_vec();
+    let mut place = control.first().copied().unwrap_or(0.0);
+    for branch in path.branches() {
+        let on = |observable: usize, at: f64| {
+            path.on(&branch, &stiff[observable * steps..(observable + 1) * steps], at)
+        };
+        let turn = branch.start;
+        let turned: Vec<f64> = curve.iter().skip(turn).step_by(steps).copied().collect();
+        let begin = where_it_bears(turned[load], |at| on(load, at), (control[turn], place, turn));
+        let apart: Vec<f64> = turned.iter().enumerate().map(|(j, y)| y - on(j, begin)).collect();
+        place = begin;
+        for step in turn + 1..branch.end {
+            let way = begin + control[step] - control[turn];
+            let left = |at: f64| at - way + compliance * (on(load, at) + apart[load] - turned[load]);
+            place = root(left, place + control[step] - control[step - 1], path.range());
+            for (j, apart) in apart.iter().enumerate() {
+                curve[j * steps + step] = on(j, place) + apart;
+            }
+        }
+    }
+}
+
+/// Where a branch bears this load, between where the control has turned and where the specimen has; at that end which bears
+/// nearly as much, where it bears it nowhere.
+fn where_it_bears(load: f64, on: impl Fn(f64) -> f64, (control, specimen, turn): (f64, f64, usize)) -> f64 {
+    /// Halvings of the way between the two.
+    const HALVINGS: usize = 50;
+    // The specimen is behind the control, and so ahead of it on the way back.
+    let [mut near, mut far] = [control, if turn == 0 { control } else { specimen }];
+    let over = |at: f64| on(at) - load;
+    let (at_near, at_far) = (over(near), over(far));
+    if at_near * at_far > 0.0 {
+        return if at_near.abs() <= at_far.abs() { near } else { far };
+    }
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (near + far);
+        if over(middle) * at_near > 0.0 { near = middle } else { far = middle }
+    }
+    0.5 * (near + far)
+}
+
+/// Where a function that rises with slopes of about 1 or more is zero, by Newton's method from nearby.
+fn root(of: impl Fn(f64) -> f64, from: f64, range: f64) -> f64 {
+    /// Differences that slopes are taken by, and how near is near enough, as shares of the range.
+    const STEP: f64 = 1e-5;
+    const NEAR: f64 = 1e-10;
+    /// A specimen that softens faster than this lets no control go on.
+    const LEAST_SLOPE: f64 = 0.2;
+    let mut at = from;
+    for _ in 0..30 {
+        let (value, ahead) = (of(at), of(at + STEP * range));
+        let away = value / ((ahead - value) / (STEP * range)).max(LEAST_SLOPE);
+        at -= away;
+        if away.abs() <= NEAR * range || !away.is_finite() {
+            break;
+        }
+    }
+    at
 }
 
 /// Which error it is: its kind, and what it acts on; empty for an error of the control.
@@ -249,6 +314,7 @@ mod tests {
             control: vec![0.0, 1.0, 2.0],
             names: observables.iter().map(|&name| name.to_owned()).collect(),
             values: vec![vec![0.0; 3]; observables.len()],
+            far_off: Vec::new(),
             sd: vec![None; observables.len()],
         }
     }
@@ -268,8 +334,8 @@ mod tests {
             ("drift(f)=1", [0.0, 2.5, 5.0], [1.0, 1.0, 3.0]),
             // Recorded one step late; before the test began there is what it began with.
             ("lag=1", [0.0, 0.0, 2.0], [1.0, 1.0, 1.0]),
-            // At a load of 4 the specimen sees the control less 1, at 2 less a half.
-            ("compliance=0.25", [0.0, 1.0, 2.0], [1.0, 0.75, 1.0]),
+            // Two springs in series; at the load 4/3 the specimen has come to 2/3, between two steps.
+            ("compliance=0.25", [0.0, 4.0 / 3.0, 8.0 / 3.0], [1.0, 23.0 / 27.0, 41.0 / 27.0]),
             // What a gain multiplies has no offset yet.
             ("offset(f)=1,gain(f)=0.1", [1.0, 3.2, 5.4], [1.0, 1.0, 3.0]),
         ] {
@@ -277,6 +343,67 @@ mod tests {
             for (got, expected) in recorded.concat().iter().zip([f, g].concat()) {
                 assert!((got - expected).abs() < 1e-12, "{rig}: {recorded:?}");
             }
+        }
+    }
+
+    /// The load of a specimen that goes along these ways, at each step.
+    fn loaded(ways: &[f64], bears: &mut dyn FnMut(f64) -> f64) -> Vec<f64> {
+        ways.iter().map(|&x| bears(x)).collect()
+    }
+
+    /// An elastic, perfectly plastic bar of stiffness 100 that yields at 10.
+    fn bar() -> impl FnMut(f64) -> f64 {
+        let mut plastic = 0.0;
+        move |x| {
+            let load: f64 = 100.0 * (x - plastic);
+            plastic += (load.abs() - 10.0).max(0.0).copysign(load) / 100.0;
+            load.clamp(-10.0, 10.0)
+        }
+    }
+
+    /// Out to 1 and back to 0.5, in steps of a hundredth.
+    fn out_and_back() -> Vec<f64> {
+        (0..=150).map(|t| 0.01 * f64::from(if t <= 100 { t } else { 200 - t })).collect()
+    }
+
+    /// What a rig records of a load and of twice the way, from what a stiff one records, and the specimen's ways in it.
+    fn recorded_by(compliance: f64, load: &[f64], ways: &[f64]) -> Vec<f64> {
+        let mut curve = load.to_vec();
+        curve.extend(ways.iter().map(|x| 2.0 * x));
+        Kind::Compliance.apply(compliance, 0, &Path::new(ways), &mut curve);
+        curve
+    }
+
+    #[test]
+    fn a_bar_that_has_yielded_unloads_from_its_turn_with_its_stiffness_and_the_rigs() {
+        let (ways, compliance) = (out_and_back(), 0.02);
+        let recorded = recorded_by(compliance, &loaded(&ways, &mut bar()), &ways);
+        // Bar and rig together are a bar of stiffness 100 / (1 + 0.02 · 100), which yields at 10, too.
+        let mut plastic = 0.0;
+        for (t, u) in ways.iter().enumerate() {
+            let trial: f64 = 100.0 / 3.0 * (u - plastic);
+            plastic += (trial.abs() - 10.0).max(0.0).copysign(trial) / (100.0 / 3.0);
+            let load = trial.clamp(-10.0, 10.0);
+            // The corner is rounded between two steps.
+            assert!((recorded[t] - load).abs() < 0.2, "at {u}: {} is not {load}", recorded[t]);
+            let of_the_specimen = 2.0 * (u - compliance * load);
+            assert!((recorded[ways.len() + t] - of_the_specimen).abs() < 0.02, "at {u}");
+        }
+    }
+
+    #[test]
+    fn a_spring_of_any_form_goes_back_as_it_came() {
+        let (ways, compliance) = (out_and_back(), 0.03);
+        let spring = |x: f64| 20.0 * x.max(0.0).powf(1.5);
+        let recorded = recorded_by(compliance, &loaded(&ways, &mut |x| spring(x)), &ways);
+        for (t, u) in ways.iter().enumerate() {
+            // u = x + c · load(x)
+            let mut x = *u;
+            for _ in 0..60 {
+                x -= (x + compliance * spring(x) - u) / (1.0 + compliance * 30.0 * x.max(0.0).sqrt());
+            }
+            assert!((recorded[t] - spring(x)).abs() < 4e-3, "step {t}: {} is not {}", recorded[t], spring(x));
+            assert!((recorded[ways.len() + t] - 2.0 * x).abs() < 4e-3, "step {t}");
         }
     }
 

@@ -169,6 +169,7 @@ impl Stack {
             names: names.collect(),
             values: parts.iter().flat_map(|part| part.values.clone()).collect(),
             sd: parts.iter().flat_map(|part| part.sd.clone()).collect(),
+            far_off: Vec::new(),
         };
         let noise: Option<Vec<Vec<Vec<f64>>>> = tests
             .iter()

@@ -50,6 +50,7 @@ fn measurement(truth: &[f64], rng: &mut ChaCha8Rng) -> Observations {
         control: (0..STEPS).map(|x| x as f64).collect(),
         names: vec!["y".into()],
         values: vec![measured],
+        far_off: Vec::new(),
         sd: vec![None],
     }
 }

@@ -234,6 +234,7 @@ impl Problem {
             control: self.control(),
             names: self.names(),
             values,
+            far_off: Vec::new(),
             sd: vec![None; self.observables],
         }
     }

@@ -221,6 +221,7 @@ impl Bench {
             control_name: self.world.control().to_owned(),
             control: self.path(),
             names: self.observables(),
+            far_off: Vec::new(),
             sd: vec![None; values.len()],
             values,
         }

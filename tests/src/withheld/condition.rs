@@ -128,6 +128,12 @@ impl Condition {
         unit.iter().map(|unit| sd * unit).collect()
     }
 
+    /// Steps at which a noise of this standard deviation, shape (steps,), is far off, of which no gap is made.
+    pub fn outliers(self, sd: f64, noise: &[f64]) -> Vec<usize> {
+        let is_far = |&step: &usize| self == Self::Outliers && noise[step].abs() > 4.5 * sd;
+        (0..noise.len()).filter(is_far).collect()
+    }
+
     /// What is added to one observable of this noise along a path, shape (steps,).
     pub fn remainder(self, control: &[f64], sd: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
         let Self::Remainder(times) = self else { return vec![0.0; control.len()] };

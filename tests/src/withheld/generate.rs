@@ -8,6 +8,7 @@ use gl_gap::attribute::problem::hypothesis::hypotheses;
 use gl_gap::attribute::problem::measurement::MeasurementEffect;
 use gl_gap::attribute::rounds::WIDEST;
 use gl_gap::design_box::{Limit, PULLED, Pull, widen};
+use gl_gap::residual::as_neighbours;
 use gl_inference::observations::range;
 use gl_inference::prior::{Effect, Parameter, Prior};
 use gl_inference::rig::Kind;
@@ -277,9 +278,11 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let is_scattered = family == Family::Scatter;
     let factor = if is_scattered { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
     let mut noisy = if is_scattered { bench.scattered(&truth, &factor, &mut random) } else { truth.clone() };
+    let mut outliers = Vec::new();
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
         let remainder = condition.remainder(&bench.path(), *sd, &mut random);
         let noise = condition.noise(*sd, curve.len(), &mut random);
+        outliers.push(condition.outliers(*sd, &noise));
         for ((y, noise), remainder) in curve.iter_mut().zip(noise).zip(remainder) {
             *y += noise + remainder;
         }
@@ -299,7 +302,7 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let right = faults.taken_out(bench, &noisy, &simulated);
     let after = world.fit(&[], &right, &noise)?;
     let above = |fit: &Fit, seen: &[Vec<f64>]| -> Result<f64> {
-        Ok((gap(&fit.curves, seen, &noisy) - floor(fit, &noise, &noisy, &factor)?).max(0.0))
+        Ok((gap(&fit.curves, seen, &noisy, &outliers) - floor(fit, &noise, &noisy, &factor)?).max(0.0))
     };
     let (gap_before, gap_after) = (above(&before, &noisy)?, above(&after, &right)?);
     let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
@@ -457,13 +460,15 @@ fn beyond(parameters: &[Parameter]) -> Result<Vec<Parameter>> {
     Ok(wider.parameters().to_vec())
 }
 
-/// Mean square of (measured − curve) / range of the noisy measurement.
-fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>]) -> f64 {
-    let square = |((curve, seen), noisy): ((&Vec<f64>, &Vec<f64>), &Vec<f64>)| {
-        let range = range(noisy);
-        curve.iter().zip(seen).map(|(y, o)| ((o - y) / range).powi(2)).sum::<f64>() / seen.len() as f64
+/// Mean square of (measured − curve) / range of the noisy measurement, without outliers, shape (observables, any).
+fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>], outliers: &[Vec<usize>]) -> f64 {
+    let square = |j: usize| {
+        let range = range(&noisy[j]);
+        let mut left: Vec<f64> = seen[j].iter().zip(&curves[j]).map(|(o, y)| (o - y) / range).collect();
+        as_neighbours(&mut left, &outliers[j]);
+        left.iter().map(|left| left * left).sum::<f64>() / left.len() as f64
     };
-    curves.iter().zip(seen).zip(noisy).map(square).sum::<f64>() / seen.len() as f64
+    (0..seen.len()).map(square).sum::<f64>() / seen.len() as f64
 }
 
 /// The mean square that noise and scatter alone leave of a gap, once a fit has followed them as far as it

@@ -151,6 +151,37 @@ fn a_gap_that_alternates_is_no_fit_though_no_stretch_stands_out() {
 }
 
 #[test]
+fn a_reading_that_is_said_to_be_far_off_is_in_no_gap() {
+    let directory = directory();
+    let obs = fs::read_to_string(directory.path().join("obs.txt")).unwrap();
+    let mut rows: Vec<String> = obs.lines().map(str::to_owned).collect();
+    rows[11] = "1\t4".to_owned();
+    fs::write(directory.path().join("spoilt.txt"), rows.join("\n") + "\n").unwrap();
+    fs::write(directory.path().join("far.tsv"), "observable\tstep\nq\t10\n").unwrap();
+    let shrink = |more: &str| {
+        let arguments = format!(
+            "-b spoilt.txt -c e -v q --noise q=0.1 --before base.tsv,weights.tsv --after full.tsv,weights.tsv{more}"
+        );
+        table(&run(directory.path(), "gl-gap-shrink", &arguments)).numbers("shrink").unwrap()[0]
+    };
+    let (with, without) = (shrink(""), shrink(" --outliers far.tsv"));
+    assert!(with < 0.9 && without > 0.98, "{with} {without}");
+    let located = |more: &str| {
+        let arguments = format!("-b spoilt.txt -c e -v q -w weights.tsv --noise q=0.1 full.tsv{more}");
+        stderr(&run(directory.path(), "gl-gap-locate", &arguments))
+    };
+    assert!(located("").contains("at e 1 (100 % of it)"), "{}", located(""));
+    assert!(located(" --outliers far.tsv").contains("No gap"), "{}", located(" --outliers far.tsv"));
+    for (row, said) in
+        [("p\t1", "far.tsv: no observable p"), ("q\t40", "far.tsv: step 40 of q is none of 0:40")]
+    {
+        fs::write(directory.path().join("far.tsv"), format!("observable\tstep\n{row}\n")).unwrap();
+        let call = "-b spoilt.txt -c e -v q -w weights.tsv --noise q=0.1 full.tsv --outliers far.tsv";
+        assert_refused(&run(directory.path(), "gl-gap-locate", call), &[said]);
+    }
+}
+
+#[test]
 fn what_is_concluded_of_a_shrink_has_a_code() {
     let directory = directory();
     let code = |after: &str| {

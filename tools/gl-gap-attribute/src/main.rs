@@ -84,6 +84,10 @@ struct Args {
     /// Also write the errors of the rig in the first hypothesis, as gl-collect --rig takes them: error, size, sd
     #[arg(long, value_name = "FILE")]
     rig_out: Option<PathBuf>,
+    /// Also write the readings that look like outliers under the first hypothesis, for gl-gap-locate and gl-gap-shrink:
+    /// observable, step
+    #[arg(long, value_name = "FILE")]
+    outliers_out: Option<PathBuf>,
     /// Also write the mean curve of the base model, of each likely hypothesis and of the three likeliest with effects:
     /// hypothesis, probability, step, control, observables; with --test instead
     /// hypothesis, probability, test, observable, step, control, predicted
@@ -192,7 +196,8 @@ fn check(args: &Args) -> Result<()> {
     }
     let outputs =
         [&args.output, &args.effects_out, &args.predict_shrink, &args.posterior_out, &args.rest_out];
-    let more = [&args.rig_out, &args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
+    let more =
+        [&args.rig_out, &args.outliers_out, &args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
     gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
@@ -230,6 +235,9 @@ fn run(args: &Args) -> Result<()> {
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     let tested: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
     write_beside(args, &problem, &diagnosis, (&observations, &tested))?;
+    if let Some(path) = &args.outliers_out {
+        write_outliers(path, &problem, &diagnosis, &tested)?;
+    }
     if let Some(path) = &args.rig_out {
         write_rig(path, &problem, &diagnosis, (&whole, &tested))?;
     }
@@ -340,6 +348,24 @@ fn write_posteriors(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -
         for Marginal { name, mean, sd, low, high, lean } in marginals(problem, of) {
             let lean = leans(of, &name).unwrap_or(f64::from(lean));
             table.text(&of.name).text(&name).numbers(&[mean, sd, low, high, lean]).end_row()?;
+        }
+    }
+    table.finish()
+}
+
+fn write_outliers(
+    path: &Path,
+    problem: &Problem<'_>,
+    diagnosis: &Diagnosis,
+    tests: &[(&Test, usize)],
+) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["observable", "step"])?;
+    for (test, first) in tests {
+        let steps = problem.by_observable(&diagnosis.first().outliers);
+        for j in test.observables.clone() {
+            for step in &steps[j] {
+                table.text(&problem.observables[j]).number((first + step) as f64).end_row()?;
+            }
         }
     }
     table.finish()

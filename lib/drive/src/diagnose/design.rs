@@ -5,7 +5,7 @@
 //! leans on the prior, the box goes beyond it on that side and further runs are made, twice at the most: a truth that the
 //! prior excludes would else be explained by whatever imitates it. The rounds after that are
 //! made where the hypotheses that are not ruled out put the parameters, since there the emulator has to be right; the
-//! first of them that says what the one before did is the last. Where `design_num` is absent, a design that would end with effects
+//! first of them that says what the one before did is the last, and so is the third that says as much of the same. Where `design_num` is absent, a design that would end with effects
 //! of which too little is known goes on.
 
 use std::collections::BTreeSet;
@@ -27,7 +27,7 @@ use gl_inference::samples::Samples;
 use gl_table::Table;
 use gl_table::verdict::Verdicts;
 
-use super::{Diagnosis, FORETOLD, RIG, WIDER_PRIOR, renew};
+use super::{Diagnosis, FORETOLD, OUTLIERS, RIG, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
@@ -161,6 +161,7 @@ impl Diagnosis<'_> {
             "posterior.txt",
             "rest.txt",
             RIG,
+            OUTLIERS,
             "curves.txt",
             "attribution-verdict.txt",
             "attribution.log",
@@ -475,6 +476,7 @@ impl Round<'_> {
             .flag("--posterior-out", self.file("posterior.txt"))
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--rig-out", self.file(RIG))
+            .flag("--outliers-out", self.file(OUTLIERS))
             .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(self.made_next()?.unwrap_or(next)))

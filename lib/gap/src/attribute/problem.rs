@@ -262,6 +262,14 @@ impl<'a> Problem<'a> {
         (0..self.ranges.len()).map(|j| self.own(j)).collect()
     }
 
+    /// The steps of each observable that are among these readings.
+    pub fn by_observable(&self, readings: &[usize]) -> Vec<Vec<usize>> {
+        let steps = |own: Range<usize>| {
+            readings.iter().filter(|i| own.contains(i)).map(|i| i - own.start).collect::<Vec<_>>()
+        };
+        self.blocks().into_iter().map(steps).collect()
+    }
+
     /// The same as if this curve had been measured, shape (readings,).
     pub fn aimed_at(&self, curve: Vec<f64>) -> Self {
         Self { observed: curve, ..self.clone() }

@@ -78,6 +78,13 @@ pub struct Standing {
 /// From this probability on a cause stands out.
 const SHARP: f64 = 0.95;
 
+/// A probability that changes by less from one round to the next stands still: what keeps it from standing out is what is
+/// believed, and no further run.
+const STILL: f64 = 0.02;
+
+/// Rounds in a row, this one the last, in which it has to.
+const STILL_ROUNDS: usize = 3;
+
 impl Standing {
     /// By the tables of `gl-gap-attribute`: its rows, and its verdict.
     ///
@@ -108,9 +115,17 @@ impl Standing {
         self.cause == before.cause
             && self.probability >= SHARP
             && before.probability >= SHARP
-            && self.ignorance <= KNOWN
-            && !self.is_untried
-            && !(self.is_unsettled && self.cause == UNEXPLAINED)
+            && self.is_known()
+    }
+
+    /// Whether further runs can be left: the emulator knows what it is asked for.
+    fn is_known(&self) -> bool {
+        self.ignorance <= KNOWN && !self.is_untried && !(self.is_unsettled && self.cause == UNEXPLAINED)
+    }
+
+    /// Whether it says as much of the same as the round before.
+    fn stands_still_since(&self, before: &Self) -> bool {
+        self.cause == before.cause && (self.probability - before.probability).abs() <= STILL
     }
 }
 
@@ -133,6 +148,8 @@ pub struct Course {
     rounds: Rounds,
     /// What the round before said, if what this one says can be held against it.
     before: Option<Standing>,
+    /// Rounds that have said as much of the same, up to that one.
+    still: usize,
     /// Pointed rounds so far.
     pointed: usize,
     /// How often runs have gone beyond the prior.
@@ -146,7 +163,7 @@ impl Course {
     /// The way of a design of these rounds; `asked` is the number of its runs where that is given, and not to be exceeded
     /// but in wider boxes.
     pub fn new(rounds: Rounds, asked: Option<usize>) -> Self {
-        Self { rounds, before: None, pointed: 0, widened: 0, is_wider: false, left: asked }
+        Self { rounds, before: None, still: 0, pointed: 0, widened: 0, is_wider: false, left: asked }
     }
 
     /// A round of so many runs is made.
@@ -185,12 +202,16 @@ impl Course {
         if self.is_wider {
             self.widened += 1;
             self.before = self.before.take().and(Some(now));
+            self.still = 0;
             return Step::Widen;
         }
         let is_all = self.left.map_or(self.pointed >= POINTED, |left| left == 0);
         let goes_on = is_all && self.left.is_none() && now.asks_for_further(self.pointed);
+        let is_still = self.before.as_ref().is_some_and(|before| now.stands_still_since(before));
+        self.still = if is_still { self.still + 1 } else { 1 };
         let is_settled = self.before.as_ref().is_some_and(|before| now.is_settled_since(before));
-        if is_all && !goes_on || is_settled {
+        let says_no_more = self.left.is_none() && self.still >= STILL_ROUNDS && now.is_known();
+        if is_all && !goes_on || is_settled || says_no_more {
             return Step::End;
         }
         self.pointed += 1;
@@ -271,7 +292,7 @@ mod tests {
 
     #[test]
     fn a_design_ends_with_its_rounds_and_goes_on_where_effects_are_untried_and_no_number_is_given() {
-        let doubtful = (of("adhesion", 0.5, 0.6), false);
+        let doubtful = (of("adhesion", 0.5, 3.0), false);
         let untried = (Standing { is_untried: true, ..doubtful.0.clone() }, false);
         // So many pointed rounds, further ones, and the end.
         let made = |asked, said: &(Standing, bool)| {
@@ -286,6 +307,21 @@ mod tests {
         assert_eq!(made(Some(100), &untried), (POINTED, 0));
         // A larger number than the rounds have is made at once.
         assert_eq!(made(Some(150), &untried), (POINTED + 1, 0));
+    }
+
+    #[test]
+    fn a_design_ends_where_three_rounds_say_as_much_of_the_same_and_no_number_is_given() {
+        let made = |asked: Option<usize>, probabilities: &[f64], ignorance: f64| {
+            let said =
+                probabilities.iter().map(|&p| (of("adhesion", p, ignorance), false)).collect::<Vec<_>>();
+            1 + steps(asked, &said).iter().position(|step| *step == Step::End).unwrap()
+        };
+        let still = [0.84, 0.80, 0.81, 0.81, 0.81, 0.81, 0.81, 0.81];
+        assert_eq!(made(None, &still, 0.6), 4);
+        assert_eq!(made(None, &[0.81, 0.84, 0.81, 0.84, 0.81, 0.84, 0.81, 0.84], 0.6), POINTED + 1);
+        // What the emulator does not know may change it, and runs that were asked for are made.
+        assert_eq!(made(None, &still, 3.0), POINTED + 1);
+        assert_eq!(made(Some(100), &still, 0.6), POINTED + 1);
     }
 
     #[test]

@@ -108,6 +108,7 @@ impl Straight {
             control: (0..STEPS).map(x).collect(),
             names: vec!["y".to_owned()],
             values: vec![values],
+            far_off: Vec::new(),
             sd: vec![None],
         }
     }

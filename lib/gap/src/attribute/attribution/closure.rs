@@ -3,7 +3,7 @@
 use std::ops::AddAssign;
 
 use anyhow::{Context, Result};
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, SymmetricEigen};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -13,15 +13,21 @@ use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
 use crate::attribute::evidence::mode::{Mode, standard_normal};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::{HEAVY_TAILS, Problem};
+use crate::residual::as_neighbours;
 use gl_numeric::statistics::Quantiles;
 
 /// Root mean square of (measured − curve) / range over all observables.
 pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
-    let share = |(i, (seen, y)): (usize, (&f64, &f64))| {
-        problem.counts(i) * ((seen - y) / problem.ranges[problem.observable_of(i)]).powi(2)
+    let left: Vec<f64> = problem.observed.iter().zip(curve).map(|(seen, y)| seen - y).collect();
+    gap_of(problem, &left)
+}
+
+/// The same of what is left of the measurement, shape (readings,).
+fn gap_of(problem: &Problem<'_>, left: &[f64]) -> f64 {
+    let share = |(i, left): (usize, &f64)| {
+        problem.counts(i) * (left / problem.ranges[problem.observable_of(i)]).powi(2)
     };
-    let sum: f64 = problem.observed.iter().zip(curve).enumerate().map(share).sum();
-    (sum / problem.observed.len() as f64).sqrt()
+    (left.iter().enumerate().map(share).sum::<f64>() / left.len() as f64).sqrt()
 }
 
 /// The gap that noise and scatter alone would leave of a model, once its calibration has followed them as
@@ -187,19 +193,17 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     let plain = after.model.plain();
     let own = &after.mode.w.as_slice()[..plain.len()];
     let scales = plain.nuisances(own).scales;
-    // Without the readings that are far off the noise is small; they are in the gap, and may be what the stated one has of them.
-    let is_heavy = plain.problem().is_noise_stated && !after.model.outliers().is_empty();
-    let noise: Vec<f64> = scales.iter().map(|scale| if is_heavy { scale.max(1.0) } else { *scale }).collect();
     let stated = plain.as_stated(own);
     let metric = (&plain, stated.as_slice());
     let own_floor = |fitted: &Fitted<'_>| {
         let own = fitted.model.plain();
-        left_of_noise(&own.problem().ranges, &own, &fitted.mode.w.as_slice()[..own.len()], &noise, metric)
+        left_of_noise(&own.problem().ranges, &own, &fitted.mode.w.as_slice()[..own.len()], &scales, metric)
     };
     let floors = [own_floor(before)?, own_floor(after)?];
     let levels = noise_levels(after, &scales, &mut random);
-    let (before, after) =
-        (gaps_before(before, metric, &mut random)?, gaps_after(after, metric, &mut random)?);
+    let outliers = after.model.outliers();
+    let before = gaps(plain.problem(), &left_before(before, metric, &mut random)?, outliers);
+    let after = gaps(plain.problem(), &left_after(after, metric, &mut random)?, outliers);
     let shrinks: Vec<f64> = before
         .iter()
         .zip(&after)
@@ -248,9 +252,9 @@ fn calibrated(fitted: &Fitted<'_>, metric: Metric<'_, '_>) -> Result<Descent> {
     Ok(calibrated)
 }
 
-/// Gaps that the real simulation, calibrated, may leave where its emulator leaves this one, whose errors the
-/// measurement tells nothing of.
-fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+/// What the real simulation, calibrated, may leave of the measurement where its emulator leaves this much, of whose errors the
+/// measurement tells nothing, shape (readings, draws).
+fn left_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<DMatrix<f64>> {
     let own = fitted.model.plain();
     let Descent { point, residual, .. } = calibrated(fitted, metric)?;
     let errors = emulator_errors(own.problem(), &variance_at(own.problem(), &point));
@@ -258,11 +262,11 @@ fn gaps_before(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8
     let (_, slopes) = own.gradient(&fitted.mode.w.as_slice()[..own.len()]);
     absorb(metric.0, metric.1, &slopes, &mut real)?;
     real.column_iter_mut().for_each(|mut column| column += &residual);
-    Ok(gaps(own.problem(), &real))
+    Ok(real)
 }
 
 /// The same of the model that is right: its errors are drawn given the measurement.
-fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<Vec<f64>> {
+fn left_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8Rng) -> Result<DMatrix<f64>> {
     let (model, problem) = (fitted.model, fitted.model.problem());
     let w = fitted.mode.w.as_slice();
     let variance = variance_at(problem, &model.point(w));
@@ -297,7 +301,7 @@ fn gaps_after(fitted: &Fitted<'_>, metric: Metric<'_, '_>, random: &mut ChaCha8R
     real -= &errors * DMatrix::from_fn(errors.ncols(), DRAWS, |_, _| standard_normal(random));
     absorb(metric.0, metric.1, &slopes, &mut real)?;
     real.column_iter_mut().for_each(|mut column| column += &residual);
-    Ok(gaps(problem, &real))
+    Ok(real)
 }
 
 /// Variances of the components at a point as the emulator says itself: that its errors have heavy tails is for the
@@ -311,10 +315,17 @@ fn emulator_errors(problem: &Problem<'_>, variance: &[f64]) -> DMatrix<f64> {
     problem.emulator_errors(variance).columns(0, variance.len()).into_owned()
 }
 
-/// The gaps of residuals, shape (readings, draws).
-fn gaps(problem: &Problem<'_>, real: &DMatrix<f64>) -> Vec<f64> {
-    let seen = DVector::from_column_slice(&problem.observed);
-    real.column_iter().map(|left| gap(problem, (&seen - left).as_slice())).collect()
+/// The gaps of residuals, shape (readings, draws). Of readings that are far off none is made.
+fn gaps(problem: &Problem<'_>, real: &DMatrix<f64>, outliers: &[usize]) -> Vec<f64> {
+    let far_off = problem.by_observable(outliers);
+    let gap = |left: DVectorView<'_, f64>| {
+        let mut left = left.as_slice().to_vec();
+        for (block, far_off) in problem.blocks().into_iter().zip(&far_off) {
+            as_neighbours(&mut left[block], far_off);
+        }
+        gap_of(problem, &left)
+    };
+    real.column_iter().map(gap).collect()
 }
 
 #[cfg(test)]

@@ -192,6 +192,7 @@ mod tests {
             control: control.clone(),
             names: vec!["s".to_owned()],
             values: vec![vec![0.0; STEPS]],
+            far_off: Vec::new(),
             sd: vec![None],
         };
         let mut ensemble = Ensemble::new(&observations, false);
@@ -240,6 +241,7 @@ mod tests {
             control: (0..STEPS).map(u).collect(),
             names: vec!["f".to_owned()],
             values: vec![vec![0.0; STEPS]],
+            far_off: Vec::new(),
             sd: vec![None],
         };
         let mut ensemble = Ensemble::new(&observations, false);

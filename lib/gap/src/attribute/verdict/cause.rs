@@ -218,7 +218,7 @@ fn add_effects(
     let in_ranges = if first.outliers.is_empty() {
         ", each observable as a share of its range"
     } else {
-        ", each observable as a share of its range, outliers and all"
+        ", each observable as a share of its range, without what looks like outliers"
     };
     let units = match (is_another, first.has_rest) {
         (false, _) => String::new(),

@@ -36,11 +36,11 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
             );
         }
     }
-    for (j, name) in problem.observables.iter().enumerate() {
-        let (own, test) = (problem.own(j), problem.test_of(j));
-        let steps = first.outliers.iter().filter(|i| own.contains(i)).map(|i| i - own.start);
+    let outliers = problem.by_observable(&first.outliers);
+    for (j, (name, steps)) in problem.observables.iter().zip(outliers).enumerate() {
+        let test = problem.test_of(j);
         let (readings, at): (Vec<String>, Vec<String>) =
-            steps.map(|step| (step.to_string(), short(test.path.control()[step]))).unzip();
+            steps.iter().map(|&step| (step.to_string(), short(test.path.control()[step]))).unzip();
         let (which, are) = match readings.len() {
             0 => continue,
             1 => ("reading", "looks like an outlier, and counts"),

@@ -1,4 +1,5 @@
-//! Errors of the rig: known ones, and those that a diagnosis finds and puts in.
+//! What is wrong with a measurement: errors of the rig, known ones and those that a diagnosis finds and puts in, and readings
+//! that are far off.
 
 use pipelines::calibration::write_curve;
 use pipelines::folder::Folder;
@@ -102,4 +103,20 @@ fn an_error_of_one_of_several_tests_is_in_the_runs_of_that_test() {
     assert_eq!((first("low"), first("high")), (0.0, 0.4));
     let said = "of which test? They are low, high: give offset(low.OBSERVABLE), or lag(low)";
     folder.refuses("gl-calibrate case rig=offset(y)=0.4 --out other", &[said]);
+}
+
+#[test]
+fn of_a_reading_that_is_far_off_no_gap_is_made() {
+    let folder = Folder::default();
+    let far = |x: f64| if (x - 0.5).abs() < 0.01 { 0.5 } else { 0.0 };
+    write_curve(&folder, ("far", PARAMS), |x| 0.8 * x + 1.1 * x * x + far(x), MODEL);
+    folder.run("gl-diagnose case --out out");
+    assert_eq!(folder.read("out/winner.txt"), "bending\n");
+    assert_eq!(folder.read("out/outliers.txt"), "observable\tstep\ny\t15\n");
+    for (table, row) in [("out/predicted-shrink.txt", 0), ("out/shrink.txt", 1)] {
+        assert!(folder.column(table, "shrink")[row] > 0.95, "{table}: {}", folder.read(table));
+    }
+    let is_alone = folder.texts("out/locate.txt", "steps").contains(&"15:16".to_owned());
+    assert!(!is_alone, "{}", folder.read("out/locate.txt"));
+    assert!(folder.read("out/report.html").contains("looks like an outlier"));
 }
