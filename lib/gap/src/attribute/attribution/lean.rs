@@ -6,6 +6,7 @@ use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
 use crate::attribute::evidence::model::Meaning;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::hypothesis::is_part;
 
 /// A parameter that the measurement pulls beyond a bound.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +29,9 @@ const GAIN: f64 = 2.0;
 /// A hypothesis matters where it would be within this of the first (natural logarithm), had it what it would
 /// gain, and this share of what it is behind, since beyond the runs the gain is a guess.
 const MATTERS: (f64, f64) = (3.0, 0.3);
+
+/// Several effects that hold what comes first and more leave it in: they matter where they would be this far ahead of it.
+const AHEAD: f64 = 2.0;
 
 /// Shares of the prior's width that a fit may go beyond it, and must for it to be said.
 const FURTHEST: f64 = 0.6;
@@ -58,7 +62,9 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
     for of in order {
         let (gain, more) = beyond(problem, of)?;
         let behind = (first - of.ln_weight).max(0.0);
-        if gain > GAIN && gain > (1.0 - MATTERS.1) * behind - MATTERS.0 {
+        let enough =
+            if adds(of, &explanations[0]) { behind + AHEAD } else { (1.0 - MATTERS.1) * behind - MATTERS.0 };
+        if gain > GAIN && gain > enough {
             let is_first = of.says_as(&explanations[0]);
             found.extend(more.into_iter().filter(|lean| is_first || lean.bound != 0.0));
         }
@@ -70,6 +76,12 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
         }
     }
     Ok(leans)
+}
+
+/// Whether a hypothesis is of several effects that hold all of another one, which is nothing unknown, and more.
+fn adds(of: &Explanation, to: &Explanation) -> bool {
+    let is_more = of.hypothesis.len() > to.hypothesis.len().max(1);
+    is_more && !to.is_unknown() && is_part(&to.hypothesis, &of.hypothesis)
 }
 
 /// What the density gains when a hypothesis may go beyond its bounds, and where it goes then.
@@ -142,6 +154,28 @@ mod tests {
             explanations[1 - none].ln_weight = explanations[none].ln_weight;
             explanations.iter_mut().for_each(|of| of.probability = 0.0);
             assert_eq!(leans(&problem, &explanations).unwrap().len(), found, "{upper} {is_first}");
+        }
+    }
+
+    #[test]
+    fn a_pair_adds_to_what_is_a_part_of_it_and_one_effect_to_nothing() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let all = attribute(&problem, 1, 1).unwrap().explanations;
+        let of = |hypothesis: &[usize], is_unknown: bool| {
+            let mut of = all.iter().find(|of| of.is_unknown() == is_unknown).unwrap().clone();
+            of.hypothesis = hypothesis.to_vec();
+            of
+        };
+        for (pair, first, is_unknown, expected) in [
+            (&[0, 1][..], &[0][..], false, true),
+            (&[0, 1], &[], false, true),
+            (&[0, 1], &[], true, false),
+            (&[0, 1], &[2], false, false),
+            (&[0, 1], &[0, 1], false, false),
+            (&[0], &[], false, false),
+        ] {
+            assert_eq!(adds(&of(pair, false), &of(first, is_unknown)), expected, "{pair:?} to {first:?}");
         }
     }
 }
