@@ -69,11 +69,29 @@ pub struct Part {
     pub ensemble: Ensemble,
 }
 
+/// The readings of which no gap is made.
+#[derive(Args, Clone, Debug)]
+pub struct Outliers {
+    /// Readings that are far off, of which no gap is made: observable, step (gl-gap-attribute --outliers-out)
+    #[arg(long, value_name = "FILE")]
+    outliers: Option<PathBuf>,
+}
+
+impl Outliers {
+    /// The tests without these readings, if some are named.
+    ///
+    /// # Errors
+    /// If the table cannot be read, or one is of an observable or a step that there is not.
+    pub fn left_out_of(&self, parts: Vec<Part>) -> Result<Vec<Part>> {
+        match &self.outliers {
+            Some(table) => without_far_off(parts, table),
+            None => Ok(parts),
+        }
+    }
+}
+
 /// The tests with the readings that a table, `observable step`, says are far off; steps are counted in the measurement.
-///
-/// # Errors
-/// If the table cannot be read, or one is of an observable or a step that there is not.
-pub fn without_far_off(mut parts: Vec<Part>, table: &Path) -> Result<Vec<Part>> {
+fn without_far_off(mut parts: Vec<Part>, table: &Path) -> Result<Vec<Part>> {
     #[derive(serde::Deserialize)]
     struct Reading {
         observable: String,

@@ -207,14 +207,18 @@ impl Diagnosis<'_> {
         if is_current(&table, &inputs)? {
             return Ok(());
         }
-        let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
-            .option("--outliers", outliers.map(|table| table.display().to_string()))
-            .flag("-w", base.join(RUNS_WEIGHTS))
+        let call = self.locating(base, outliers.as_deref(), &table);
+        self.must(&call.verdict(&self.file("locate-verdict.txt")), "locate.log")
+    }
+
+    /// The call that locates the gap of a calibration, but for these readings, into a table.
+    fn locating(&self, of: &Path, outliers: Option<&Path>, table: &Path) -> Call {
+        measured(Call::new("gl-gap-locate"), self.case, Which::All)
+            .file("--outliers", outliers)
+            .flag("-w", of.join(RUNS_WEIGHTS))
             .option("--units", units(self.case))
-            .verdict(&self.file("locate-verdict.txt"))
-            .flag("-o", &table)
-            .args(ensembles(self.case, base));
-        self.must(&call, "locate.log")
+            .flag("-o", table)
+            .args(ensembles(self.case, of))
     }
 
     /// What is put in: the effects of what comes first, and its errors of the rig, if there are runs that show it.
@@ -253,16 +257,13 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(winner))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
-        let outliers = self.outliers()?.map(|table| table.display().to_string());
+        let outliers = self.outliers()?;
         // For the picture of the page.
         let located = self.file("locate-after.txt");
-        if !is_current(&located, &[self.file(Winner::FILE), after.join("posterior.txt")])? {
-            let call = measured(Call::new("gl-gap-locate"), self.case, Which::All)
-                .option("--outliers", outliers.clone())
-                .flag("-w", after.join(RUNS_WEIGHTS))
-                .option("--units", units(self.case))
-                .flag("-o", located)
-                .args(ensembles(self.case, &after));
+        let mut inputs = vec![self.file(Winner::FILE), after.join("posterior.txt")];
+        inputs.extend(outliers.clone());
+        if !is_current(&located, &inputs)? {
+            let call = self.locating(&after, outliers.as_deref(), &located);
             self.runner.must(&call, Messages::Kept(&self.file("locate-after.log")))?;
         }
         let Some((base, after)) = self.between(self.base(), after, winner)? else {
@@ -272,7 +273,9 @@ impl Diagnosis<'_> {
         let name = |folder: &Path| folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let rows = format!("part\tfolder\nbefore\t{}\nafter\t{}\n", name(&base), name(&after));
         put(&between, rows.as_bytes())?;
-        if is_current(&table, &[between, base.join("posterior.txt"), after.join("posterior.txt")])? {
+        let mut inputs = vec![between, base.join("posterior.txt"), after.join("posterior.txt")];
+        inputs.extend(outliers.clone());
+        if is_current(&table, &inputs)? {
             return Ok(Progress::Finished);
         }
         let tables = |folder: &Path| {
@@ -282,7 +285,7 @@ impl Diagnosis<'_> {
         };
         let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
-            .option("--outliers", outliers)
+            .file("--outliers", outliers.as_deref())
             .flag("--before", tables(&base))
             .flag("--after", tables(&after));
         if let Some(seen) = seen(self.case) {
@@ -301,7 +304,7 @@ impl Diagnosis<'_> {
         }
         let (first, _) = most_probable(&self.attributed()?.0)?;
         let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &first).unwrap_or(false));
-        let call = call.option("--foretold", foretold.map(|table| table.display().to_string()));
+        let call = call.file("--foretold", foretold.as_deref());
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;
         Ok(Progress::Finished)
     }

@@ -46,6 +46,14 @@ impl Call {
         }
     }
 
+    /// A flag with a file, if there is one.
+    pub(crate) fn file(self, flag: &str, file: Option<&Path>) -> Self {
+        match file {
+            Some(file) => self.flag(flag, file),
+            None => self,
+        }
+    }
+
     /// Where the conclusions go as a table.
     pub(crate) fn verdict(self, file: &Path) -> Self {
         if !WITH_VERDICT.contains(&self.tool) {

@@ -23,6 +23,7 @@ use gl_gap::attribute::self_check::{Design, self_check, summary};
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{Observations, Steps};
+use gl_inference::path::Path as Control;
 use gl_inference::prior::Prior;
 use gl_inference::rig::Kind;
 use gl_inference::samples::{Samples, sample_names};
@@ -160,7 +161,7 @@ struct Seen {
     /// Number of the first compared step of each test, shape (tests,).
     first: Vec<usize>,
     /// The control of each test, all steps.
-    whole: Vec<gl_inference::path::Path>,
+    whole: Vec<Control>,
     noise: Option<Vec<Vec<f64>>>,
     ensemble: Ensemble,
 }
@@ -171,7 +172,7 @@ impl Seen {
         let steps = measurement.steps(args.steps)?;
         let ensemble = measurement.ensemble("gl-gap-attribute", &args.ensembles)?;
         let Measurement { observations, noise, stack } = measurement;
-        let path = |observations: &Observations| gl_inference::path::Path::new(&observations.control);
+        let path = |observations: &Observations| Control::new(&observations.control);
         if let Some(stack) = stack {
             let first = stack.tests.iter().map(|test| test.steps.start).collect();
             let whole = stack.tests.iter().map(|test| path(&test.observations)).collect();
@@ -235,9 +236,6 @@ fn run(args: &Args) -> Result<()> {
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     let tested: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
     write_beside(args, &problem, &diagnosis, (&observations, &tested))?;
-    if let Some(path) = &args.outliers_out {
-        write_outliers(path, &problem, &diagnosis, &tested)?;
-    }
     if let Some(path) = &args.rig_out {
         write_rig(path, &problem, &diagnosis, (&whole, &tested))?;
     }
@@ -280,6 +278,9 @@ fn write_beside(
     }
     if let Some(path) = &args.rest_out {
         write_rest(path, problem, diagnosis)?;
+    }
+    if let Some(path) = &args.outliers_out {
+        write_outliers(path, problem, diagnosis, tests)?;
     }
     if let Some(path) = &args.curves_out {
         write_curves(path, tests, observations, diagnosis)?;
@@ -360,8 +361,8 @@ fn write_outliers(
     tests: &[(&Test, usize)],
 ) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &["observable", "step"])?;
+    let steps = problem.by_observable(&diagnosis.first().outliers);
     for (test, first) in tests {
-        let steps = problem.by_observable(&diagnosis.first().outliers);
         for j in test.observables.clone() {
             for step in &steps[j] {
                 table.text(&problem.observables[j]).number((first + step) as f64).end_row()?;
@@ -376,7 +377,7 @@ fn write_rig(
     path: &Path,
     problem: &Problem<'_>,
     diagnosis: &Diagnosis,
-    (whole, tests): (&[gl_inference::path::Path], &[(&Test, usize)]),
+    (whole, tests): (&[Control], &[(&Test, usize)]),
 ) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &["error", "size", "sd"])?;
     for (error, Marginal { mean, sd, .. }) in errors_of_the_rig(problem, diagnosis.first()) {

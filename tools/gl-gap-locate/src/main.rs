@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_cli::measured::{Measured, Part, without_far_off};
+use gl_cli::measured::{Measured, Outliers, Part};
 use gl_gap::locate::{Located, Stretch, fits_tests, locate_tests, named, verdict_of_tests};
 use gl_inference::units::Units;
 use gl_inference::weights::Weights;
@@ -24,9 +24,8 @@ struct Args {
     /// Table of weights
     #[arg(short, long, value_name = "FILE")]
     weights: PathBuf,
-    /// Readings that are far off, of which no gap is made: observable, step (gl-gap-attribute --outliers-out)
-    #[arg(long, value_name = "FILE")]
-    outliers: Option<PathBuf>,
+    #[command(flatten)]
+    outliers: Outliers,
     /// Units of the controls, for the sentences, as in u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -55,10 +54,8 @@ Example (the measurement rises by 1 halfway, the one run does not):
 
 fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
-    let mut parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
-    if let Some(outliers) = &args.outliers {
-        parts = without_far_off(parts, outliers)?;
-    }
+    let parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
+    let parts = args.outliers.left_out_of(parts)?;
     let weights = Weights::read(&args.weights)?;
     let of_runs = weights.of_runs(&parts[0].ensemble)?;
     let tests: Vec<Located> = parts

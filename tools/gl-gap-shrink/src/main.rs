@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
-use gl_cli::measured::{Measured, Measurement, Part, ensembles_and_weights, without_far_off};
+use gl_cli::measured::{Measured, Measurement, Outliers, Part, ensembles_and_weights};
 use gl_gap::locate::named;
 use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_foretold, add_observables, shrink, verdict};
 use gl_inference::observations::Steps;
@@ -37,9 +37,8 @@ struct Args {
     /// NAME=A:B,… for each test that has steps which it did not see; the others are left out
     #[arg(long, value_name = "A:B", conflicts_with = "steps")]
     calibrated: Option<Seen>,
-    /// Readings that are far off, of which no gap is made: observable, step (gl-gap-attribute --outliers-out)
-    #[arg(long, value_name = "FILE")]
-    outliers: Option<PathBuf>,
+    #[command(flatten)]
+    outliers: Outliers,
     /// Share of the simulation's own scatter that the measurement has: towards 0 for a specimen of
     /// many more grains
     #[arg(long, value_name = "F", default_value_t = 1.0, value_parser = gl_cli::scatter, allow_negative_numbers = true)]
@@ -129,10 +128,8 @@ struct Foretold {
 fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let measurement = args.measured.read()?;
-    let (mut parts, before) = args.before.read(&measurement)?;
-    if let Some(outliers) = &args.outliers {
-        parts = without_far_off(parts, outliers)?;
-    }
+    let (parts, before) = args.before.read(&measurement)?;
+    let parts = args.outliers.left_out_of(parts)?;
     let (_, after) = args.after.read(&measurement)?;
     let unseen = match &measurement.stack {
         Some(_) => unseen_of_tests(args, &parts)?,
