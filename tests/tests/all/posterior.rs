@@ -367,6 +367,36 @@ fn a_noise_that_is_taken_for_white_may_be_larger_and_is_not_correlated() {
     folder.refuses(&both, &["cannot be used with"]);
 }
 
+/// What no run has shown might fit a wave that the model does not have. The closest fit is asked for among what they have.
+#[test]
+fn a_closest_fit_is_not_sought_where_nothing_is_known() {
+    let load = |p: &[f64], x: f64| {
+        let [k, m, a, h] = [p[0], p[1], p[2], p[3]];
+        100.0 * m * (1.0 - (-k * x).exp()) * (1.0 + a * (-x / h).exp() * x * k / (1.0 + x * k))
+    };
+    let folder = Folder::default();
+    let control: Vec<f64> = (0..240).map(|t| 0.1 + 7.9 * f64::from(t) / 239.0).collect();
+    let mut generator = ChaCha8Rng::seed_from_u64(3);
+    let mut text = "x y\n".to_owned();
+    for x in &control {
+        let y = load(&[2.3, 0.53, 0.42, 5.8], *x) + 0.1 * (normal(&mut generator) + 3.0 * (2.0 * x).sin());
+        writeln!(text, "{x} {y}").unwrap();
+    }
+    let wide = "name lower upper\nk 0.8 6\nm 0.45 0.75\na 0.25 1.2\nh 2.5 15\n";
+    let near = "name lower upper\nk 2.2 2.5\nm 0.5 0.55\na 0.39 0.45\nh 5.7 6.5\n";
+    folder.write("obs.txt", text).write("params.txt", wide).write("near-params.txt", near);
+    folder.run("gl-sample -p params.txt -n 20 -o samples.txt");
+    folder.run("gl-sample -p near-params.txt -n 10 --name near -o near.txt");
+    simulate(&folder, "samples.txt", "ensemble.txt", &control, load);
+    simulate(&folder, "near.txt", "near-ensemble.txt", &control, load);
+    folder.run(&format!("{CALL} -s near.txt near-ensemble.txt --noise y=0.1 --scatter 0 --white"));
+    let ignorance = folder.quantity("summary.txt", "ignorance");
+    assert!(ignorance < 5.0, "{ignorance}");
+    // By least squares: 2.347, 0.527, 0.418, 6.11.
+    let k = folder.quantity("summary.txt", "mean(k)");
+    assert!((k - 2.347).abs() < 0.05, "{k}");
+}
+
 #[test]
 fn white_noise_that_is_as_stated_is_not_doubted() {
     let folder = measured(80, 0.0, 1.0, |x| curve(&[0.4, 0.6], x));

@@ -73,6 +73,8 @@ pub(super) struct Sampler<'a> {
     pub(super) options: Options,
     /// Where the runs that fit best stand, shape (runs, parameters).
     pub(super) near: &'a [Vec<f64>],
+    /// Whether the emulator's mean is taken for the simulator.
+    pub(super) is_exact: bool,
 }
 
 /// What the best fit says that can be reached from the runs.
@@ -84,7 +86,8 @@ struct Gap {
 impl Sampler<'_> {
     fn likelihood(&self, nuisances: Nuisances) -> Likelihood<'_> {
         let Self { surrogate, space, measured, .. } = self;
-        Likelihood::new(surrogate, space, measured, nuisances)
+        let likelihood = Likelihood::new(surrogate, space, measured, nuisances);
+        if self.is_exact { likelihood.of_exact_emulator() } else { likelihood }
     }
 
     /// The posterior, from near that of the first look and from the maxima next to the runs.
@@ -93,13 +96,17 @@ impl Sampler<'_> {
     /// larger than stated and correlated is admitted first. Otherwise that fit would stand no chance beside places
     /// of which nothing is known, and one after the other of these would have to be run and refuted.
     pub(super) fn settle(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
-        let found = self.look(nuisances, first)?;
-        Ok(Outcome { population: self.refined(&found.nuisances, found.population)?, ..found })
+        let gap = self.gap(nuisances)?;
+        // What is not known of a place may fit where nothing does that is known; the closest fit is among what is.
+        let is_exact = self.options.white && gap.is_some();
+        let sampler = Self { is_exact, ..*self };
+        let found = sampler.look(nuisances, first, gap)?;
+        Ok(Outcome { population: sampler.refined(&found.nuisances, found.population)?, ..found })
     }
 
     /// The nuisances that the residuals speak for, and draws that need not have the right share of every tail yet.
-    fn look(&self, nuisances: &Nuisances, first: &Population) -> Result<Outcome> {
-        if let Some(gap) = self.gap(nuisances)? {
+    fn look(&self, nuisances: &Nuisances, first: &Population, gap: Option<Gap>) -> Result<Outcome> {
+        if let Some(gap) = gap {
             let mut nuisances = self.with_correlation(nuisances, &gap.correlated);
             nuisances.inflation = !self.options.noise_as_stated && gap.test.is_worse();
             let population = self.sample(&nuisances, &parameters_of(&first.points, self.space))?;
