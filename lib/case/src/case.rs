@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
+use gl_inference::observations::ByName;
 use gl_inference::rig::{Rig, own_name};
 use gl_inference::stack::is_test_name;
 use toml::de::DeTable;
@@ -67,9 +68,9 @@ pub struct Test {
     /// What is compared.
     pub observables: Vec<Column>,
     /// Standard deviation of the noise, by measured observable; empty where it is not given.
-    pub noise: Vec<(String, f64)>,
+    pub noise: ByName,
     /// How much an observable counts where the noise is not known; empty for all alike.
-    pub weights: Vec<(String, f64)>,
+    pub weights: ByName,
     /// What misfits are measured against where the noise is not known: `max`, `value`, `range` or `none`.
     pub scale: Option<String>,
     /// The steps that calibration sees, `A:B`; all if absent.
@@ -117,9 +118,9 @@ pub struct Case {
     /// Units of columns and parameters, for axes.
     pub units: Vec<(String, String)>,
     /// Values of parameters that are known to be true: drawn, never used.
-    pub truth: Vec<(String, f64)>,
+    pub truth: ByName,
     /// Errors of the rig that are known: every run is taken as the rig would have recorded it.
-    pub rig: Vec<(String, f64)>,
+    pub rig: ByName,
     /// Runs an iteration; by the number of parameters where it is not given.
     pub num: Option<usize>,
     /// Iterations at the most.
@@ -268,8 +269,8 @@ impl Case {
             params: file.params.unwrap_or_else(|| "params.txt".to_owned()),
             tests,
             units: file.units.unwrap_or_default(),
-            truth: file.truth.unwrap_or_default(),
-            rig: file.rig.unwrap_or_default(),
+            truth: ByName(file.truth.unwrap_or_default()),
+            rig: ByName(file.rig.unwrap_or_default()),
             num: file.num.map(usize::from),
             iterations: file.iterations.map_or(iterations, usize::from),
             seed: file.seed.unwrap_or(0),
@@ -468,7 +469,7 @@ fn test(
         );
     }
     let by_name = |own: &Option<Vec<(String, f64)>>, of_case: &Option<Vec<(String, f64)>>| {
-        own.as_ref().or(of_case.as_ref()).cloned().unwrap_or_default()
+        ByName(own.as_ref().or(of_case.as_ref()).cloned().unwrap_or_default())
     };
     let test = Test {
         name: entry.name.clone().unwrap_or_default(),
@@ -487,7 +488,7 @@ fn test(
     for (key, rows, own) in
         [("noise", &test.noise, entry.noise.is_some()), ("weights", &test.weights, entry.weights.is_some())]
     {
-        for (name, _) in rows {
+        for (name, _) in &rows.0 {
             ensure!(
                 known.contains(name),
                 "{}: {key}: no observable {name}: observables names {}",
@@ -496,7 +497,7 @@ fn test(
             );
         }
         ensure!(
-            rows.is_empty() || rows.len() == known.len(),
+            rows.is_empty() || rows.0.len() == known.len(),
             "{}: {key}: give it for each of {}, or for none",
             places.of_setting(&at(own, key)),
             known.join(", ")

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use gl_inference::observations::ByName;
 
 /// What a diagnosis puts in where it calibrates again, as it stands in its `winner.txt`: the effects of the simulation on
 /// the first line, and the errors of the rig with their sizes on a second one, if there are any.
@@ -9,7 +10,7 @@ pub struct Winner {
     /// Effects of the simulation.
     pub effects: Vec<String>,
     /// Errors of the rig: name, and size in the units of its kind.
-    pub rig: Vec<(String, f64)>,
+    pub rig: ByName,
 }
 
 impl Winner {
@@ -33,26 +34,17 @@ impl Winner {
     }
 
     fn parse(text: &str) -> Option<Self> {
-        let mut lines = text.lines().map(|line| line.split(',').filter(|part| !part.is_empty()));
-        let effects = lines.next()?.map(str::to_owned).collect();
-        let error = |part: &str| {
-            let (name, size) = part.rsplit_once('=')?;
-            Some((name.to_owned(), size.parse().ok()?))
-        };
-        let rig = lines.next().map_or(Some(Vec::new()), |line| line.map(error).collect())?;
+        let mut lines = text.lines();
+        let effects = lines.next()?.split(',').filter(|name| !name.is_empty()).map(str::to_owned).collect();
+        let rig = lines.next().map_or(Some(ByName::default()), |line| line.parse().ok())?;
         Some(Self { effects, rig })
     }
 
     /// The text of the file.
     pub fn text(&self) -> String {
-        let rig = self.rig_setting();
+        let rig = &self.rig;
         let end = if rig.is_empty() { "" } else { "\n" };
         format!("{}\n{rig}{end}", self.effects.join(","))
-    }
-
-    /// The errors of the rig as a setting takes them.
-    pub fn rig_setting(&self) -> String {
-        self.rig.iter().map(|(name, size)| format!("{name}={size:?}")).collect::<Vec<_>>().join(",")
     }
 
     /// Whether nothing is put in.
@@ -62,7 +54,7 @@ impl Winner {
 
     /// Names of the effects, and of the errors behind them.
     pub fn names(&self) -> Vec<&str> {
-        self.effects.iter().chain(self.rig.iter().map(|(name, _)| name)).map(String::as_str).collect()
+        self.effects.iter().chain(self.rig.0.iter().map(|(name, _)| name)).map(String::as_str).collect()
     }
 
     /// The calibration with it in, of a diagnosis in `out`: its name has no comma, since commas part the tables that tools

@@ -10,7 +10,7 @@ use gl_engine::batch_table::BatchTable;
 use gl_engine::embedded::simulator;
 use gl_engine::model::{Model, find_program, split_words, yade_script};
 use gl_inference::misfit::{Covariance, Scaling};
-use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::observations::{Observations, Steps};
 use gl_inference::prior::Prior;
 use gl_inference::samples::{check_parameter_name, sample_names};
 use gl_table::verdict::Verdicts;
@@ -31,7 +31,7 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let plan = Plan { case: &case, prior: &prior, observations: &observations };
     let mut verdicts = Verdicts::default();
     let told = case.tests.iter().zip(&observations).map(|(test, observations)| {
-        let noise = observations.noise(&ByName(test.noise.clone()))?;
+        let noise = observations.noise(&test.noise)?;
         let of = if test.name.is_empty() { String::new() } else { format!(" in {}", test.name) };
         Ok(format!(
             "{} of {} on {}{of}; the noise is {}",
@@ -79,7 +79,7 @@ pub(crate) fn untold_noise(
     prior: &Prior,
     observations: &[Observations],
 ) -> Result<Option<(usize, String)>> {
-    let is_given = |(test, of): (&Test, &Observations)| Ok(of.noise(&ByName(test.noise.clone()))?.is_some());
+    let is_given = |(test, of): (&Test, &Observations)| Ok(of.noise(&test.noise)?.is_some());
     if case.tests.iter().zip(observations).map(is_given).collect::<Result<Vec<_>>>()?.contains(&true) {
         return Ok(None);
     }
@@ -254,7 +254,7 @@ fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Vec<Observati
 /// The measurement: that it has the columns, and that runs can be weighed against it.
 fn check_test(test: &Test) -> Result<Observations> {
     let observations = Observations::read(&test.obs, &test.control.measured, &test.observable_names())?;
-    let noise = observations.noise(&ByName(test.noise.clone()))?;
+    let noise = observations.noise(&test.noise)?;
     if let Some(steps) = &test.steps {
         steps.parse::<Steps>()?.within(observations.steps())?;
     }
@@ -265,7 +265,7 @@ fn check_test(test: &Test) -> Result<Observations> {
             Some("none") => Scaling::None,
             _ => Scaling::Max,
         };
-        Covariance::scaled(&observations, scale, &ByName(test.weights.clone()))?;
+        Covariance::scaled(&observations, scale, &test.weights)?;
     }
     Ok(observations)
 }
@@ -274,7 +274,7 @@ fn check_test(test: &Test) -> Result<Observations> {
 fn check_noises(case: &Case, observations: &[Observations]) -> Result<()> {
     let mut first: Option<(bool, &str)> = None;
     for (test, observations) in case.tests.iter().zip(observations) {
-        let is_known = observations.noise(&ByName(test.noise.clone()))?.is_some();
+        let is_known = observations.noise(&test.noise)?.is_some();
         match first {
             Some((other, name)) if other != is_known => {
                 let (known, not) = if other { (name, test.name.as_str()) } else { (&*test.name, name) };
@@ -305,7 +305,7 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
         bail!("{}: no {what} {name}; {others}", place(case, &format!("{key}.{name}")))
     };
     let parameters = prior.names();
-    for (name, _) in &case.truth {
+    for (name, _) in &case.truth.0 {
         refuse("truth", name, &parameters, "parameter")?;
     }
     let mut axes = parameters.clone();

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::{Case, Posterior, Test};
 use gl_inference::design::{batch_runs, first_runs};
+use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
 
@@ -14,7 +15,7 @@ pub(crate) fn measurement(call: Call, test: &Test) -> Call {
     call.flag("-b", &test.obs)
         .flag("-c", &test.control.measured)
         .flag("-v", test.observable_names().join(","))
-        .option("--noise", by_name(&test.noise))
+        .option("--noise", given(&test.noise))
 }
 
 /// All tests of a case as `gl-posterior` takes them: `-b -c -v` of a single one, else `--test` for each; with how runs are
@@ -24,12 +25,12 @@ pub(crate) fn all_tests(call: Call, case: &Case) -> Call {
         return comparison(call, &case.tests[0]);
     }
     let call = measured(call, case, Which::Compared);
-    let weights: Vec<(String, f64)> = case
+    let weights: ByName = case
         .tests
         .iter()
-        .flat_map(|test| test.weights.iter().map(|(name, weight)| (test.named(name), *weight)))
+        .flat_map(|test| test.weights.0.iter().map(|(name, weight)| (test.named(name), *weight)))
         .collect();
-    call.option("--scale", case.tests[0].scale.as_ref()).option("--weights", by_name(&weights))
+    call.option("--scale", case.tests[0].scale.as_ref()).option("--weights", given(&weights))
 }
 
 /// Which steps of a measurement are looked at.
@@ -48,7 +49,7 @@ pub(crate) fn measured(call: Call, case: &Case, which: Which) -> Call {
         return measurement(call, &case.tests[0]).option("--steps", steps(&case.tests[0]));
     }
     case.tests.iter().fold(call, |call, test| {
-        let noise = by_name(&test.noise).unwrap_or_default();
+        let noise = &test.noise;
         let columns = test.observable_names().join(",");
         let mut word = std::ffi::OsString::from(format!("{}:", test.name));
         word.push(&test.obs);
@@ -98,14 +99,13 @@ pub(crate) fn simulated(call: Call, test: &Test) -> Call {
 pub(crate) fn comparison(call: Call, test: &Test) -> Call {
     measurement(call, test)
         .option("--scale", test.scale.as_ref())
-        .option("--weights", by_name(&test.weights))
+        .option("--weights", given(&test.weights))
         .option("--steps", test.steps.as_ref())
 }
 
 /// `f=0.005,t=0.001`, if anything is given.
-fn by_name(rows: &[(String, f64)]) -> Option<String> {
-    let text: Vec<String> = rows.iter().map(|(name, value)| format!("{name}={value:?}")).collect();
-    (!text.is_empty()).then(|| text.join(","))
+fn given(numbers: &ByName) -> Option<String> {
+    (!numbers.is_empty()).then(|| numbers.to_string())
 }
 
 /// A list with commas, if anything is in it.

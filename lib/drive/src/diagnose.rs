@@ -15,6 +15,7 @@ use gl_case::folders::{BASE, BASE_WIDER, SHRINK_BETWEEN};
 use gl_case::{Case, Engine, Posterior, Test, Winner};
 use gl_gap::attribute::winner::{cause, most_probable, winning_effects};
 use gl_gap::shrink::COLUMNS;
+use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 use gl_table::{Table, TableWriter};
@@ -153,7 +154,7 @@ impl Diagnosis<'_> {
                 call = call.arg(format!("effects={}", winner.effects.join(",")));
             }
             if !winner.rig.is_empty() {
-                call = call.arg(format!("rig={}", self.whole_rig(winner).rig_setting()));
+                call = call.arg(format!("rig={}", self.whole_rig(winner).rig));
             }
         }
         if self.runner.call(&call, Messages::Shown)? == 1 {
@@ -175,10 +176,10 @@ impl Diagnosis<'_> {
     /// A winner with the errors of the rig that the case knows, too, which the runs of its design have already.
     fn whole_rig(&self, winner: &Winner) -> Winner {
         let mut rig = self.case.rig.clone();
-        for (name, size) in &winner.rig {
-            match rig.iter_mut().find(|(known, _)| known == name) {
+        for (name, size) in &winner.rig.0 {
+            match rig.0.iter_mut().find(|(known, _)| known == name) {
                 Some((_, known)) => *known += size,
-                None => rig.push((name.clone(), *size)),
+                None => rig.0.push((name.clone(), *size)),
             }
         }
         Winner { rig, ..winner.clone() }
@@ -226,19 +227,20 @@ impl Diagnosis<'_> {
         let (attribution, verdict) = self.attributed()?;
         let effects = winning_effects(&Prior::read(&self.case.params())?, &attribution, &verdict)?;
         let is_shown = verdict.find("untried").is_none();
-        let rig = if is_shown { self.errors_of_the_rig()? } else { Vec::new() };
+        let rig = if is_shown { self.errors_of_the_rig()? } else { ByName::default() };
         let winner = Winner { effects, rig };
         put(&self.file(Winner::FILE), winner.text().as_bytes())?;
         Ok(winner)
     }
 
     /// To four digits: none of them knows its size better.
-    fn errors_of_the_rig(&self) -> Result<Vec<(String, f64)>> {
+    fn errors_of_the_rig(&self) -> Result<ByName> {
         let table = Table::read(&self.file(RIG))?;
         let error = table.format().column("error")?;
         let sizes = table.numbers("size")?.into_iter().enumerate();
         let rounded = |size: f64| format!("{size:.3e}").parse().unwrap_or(size);
-        Ok(sizes.map(|(row, size)| (table.field(row, error).to_owned(), rounded(size))).collect())
+        let named = |(row, size): (usize, f64)| (table.field(row, error).to_owned(), rounded(size));
+        Ok(sizes.map(named).collect())
     }
 
     /// The table of the attribution and its verdict.
@@ -297,7 +299,7 @@ impl Diagnosis<'_> {
             self.must(&unseen, "shrink-unseen.log")?;
         }
         if !winner.rig.is_empty() {
-            let rig = winner.rig_setting();
+            let rig = &winner.rig;
             let text =
                 format!("the gap after is that of runs as the rig would have recorded them, with {rig}");
             gl_cli::note("gl-diagnose", text);

@@ -312,7 +312,8 @@ impl Asked<'_> {
             // A fit of least squares is to come as close as it can; a posterior had better be wide where in doubt.
             surrogate.scatter = surrogate.scatter.times((proof.error / proof.scatter).powi(2));
         }
-        let sampler = Sampler { surrogate: &surrogate, space, measured, options, near: &self.near, is_exact: false };
+        let sampler =
+            Sampler { surrogate: &surrogate, space, measured, options, near: &self.near, is_exact: false };
         let outcome = sampler.settle(&self.nuisances, &self.population)?;
         // What counts depends on how large the noise turned out to be.
         let proof = prove(outcome.variance(space))?;

@@ -1,6 +1,7 @@
 //! What was measured: a control, what it imposes on, and the observables at its values.
 
 use std::collections::HashSet;
+use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -201,6 +202,22 @@ impl ByName {
     pub fn check_names(&self, names: &[String], flag: &str) -> Result<()> {
         for (name, _) in &self.0 {
             ensure!(names.contains(name), "{flag} {name}: no such observable; they are {}", names.join(", "));
+        }
+        Ok(())
+    }
+}
+
+impl FromIterator<(String, f64)> for ByName {
+    fn from_iter<I: IntoIterator<Item = (String, f64)>>(pairs: I) -> Self {
+        Self(pairs.into_iter().collect())
+    }
+}
+
+impl fmt::Display for ByName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, (name, value)) in self.0.iter().enumerate() {
+            let comma = if place > 0 { "," } else { "" };
+            write!(f, "{comma}{name}={value}")?;
         }
         Ok(())
     }

@@ -1,6 +1,5 @@
 //! A case as a page needs it: how its columns, noise and units are given to the tools.
 
-use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -102,10 +101,10 @@ impl Case {
             obs: test.obs.clone(),
             control: test.control.measured.clone(),
             observables: test.observables.iter().map(|Column { measured, .. }| measured.clone()).collect(),
-            noise: by_name(&test.noise),
+            noise: test.noise.to_string(),
             tests: if case.has_tests() { case.tests.clone() } else { Vec::new() },
             units: by_name(&case.units),
-            truth: by_name(&case.truth),
+            truth: case.truth.to_string(),
             steps: seen(&case.tests),
             seed: case.seed,
             engine,
@@ -149,7 +148,7 @@ impl Case {
             obs: test.obs.clone(),
             control: test.control.measured.clone(),
             observables: test.observable_names().join(","),
-            noise: by_name(&test.noise),
+            noise: test.noise.to_string(),
         };
         self.tests.iter().map(of).collect()
     }
@@ -171,7 +170,7 @@ impl Case {
             return self.tests.iter().fold(call, |call, test| {
                 let observables: Vec<&str> = test.observables.iter().map(|of| of.measured.as_str()).collect();
                 let (obs, control) = (test.obs.display(), &test.control.measured);
-                let noise = by_name(&test.noise);
+                let noise = test.noise.to_string();
                 let word = format!("{}:{obs}:{control}:{}:{noise}", test.name, observables.join(","));
                 call.option("--test", &word)
             });
@@ -188,6 +187,6 @@ fn seen(tests: &[Test]) -> String {
 }
 
 /// `NAME=VALUE,…`
-fn by_name<T: Display>(pairs: &[(String, T)]) -> String {
+fn by_name(pairs: &[(String, String)]) -> String {
     pairs.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",")
 }

@@ -331,16 +331,13 @@ impl About {
 
 impl OneTest {
     fn gather(test: &gl_case::Test) -> Result<Self> {
-        let list = |rows: &[(String, f64)], between: &str| -> Vec<String> {
-            rows.iter().map(|(name, value)| format!("{name}{between}{value}")).collect()
-        };
         Ok(Self {
             name: test.name.clone(),
             control: test.control.measured.clone(),
             observables: test.observable_names(),
             steps: rows(&test.obs)?,
-            noise: list(&test.noise, "=").join(", "),
-            given: list(&test.given, " = "),
+            noise: test.noise.to_string().replace(',', ", "),
+            given: test.given.iter().map(|(name, value)| format!("{name} = {value}")).collect(),
         })
     }
 }
@@ -400,7 +397,7 @@ impl Closed {
     ) -> Result<Option<Self>> {
         let table = out.join("shrink.txt");
         let (Some(winner), true) = (winner, table.exists()) else { return Ok(None) };
-        let (with, rig) = (winner.names().join(" and "), winner.rig_setting());
+        let (with, rig) = (winner.names().join(" and "), winner.rig.to_string());
         let Some(after) = after else { return Ok(Some(Self { with, rig, measured: None })) };
         let unseen = out.join("shrink-unseen.txt");
         let unseen = if unseen.exists() {

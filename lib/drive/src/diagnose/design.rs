@@ -544,7 +544,7 @@ impl Diagnosis<'_> {
 /// The runs of a test as the rig of a winner would have recorded them, in the place of those in a table.
 fn record(test: &Test, winner: &Winner, table: &Path) -> Result<()> {
     let mut rig = Rig::default();
-    for (error, size) in &winner.rig {
+    for (error, size) in &winner.rig.0 {
         if let Some(own) = own_name(error, &test.name) {
             rig.add(&own, *size)?;
         }
