@@ -40,6 +40,8 @@ struct Weighed {
     invisible: bool,
     #[serde(serialize_with = "yes_no")]
     of_the_rig: bool,
+    /// Position of the candidate that is one, or `-`.
+    passenger: String,
     #[serde(serialize_with = "number")]
     beyond: f64,
     /// What was said of it.
@@ -63,6 +65,7 @@ impl Weighed {
             vague: of.is_vague,
             invisible: of.ruled_out == Some(RuledOut::Invisible),
             of_the_rig: of.is_of_the_rig,
+            passenger: of.passenger.map_or_else(|| "-".to_owned(), |candidate| candidate.to_string()),
             beyond: of.beyond,
             probability: of.probability,
         }
@@ -96,6 +99,7 @@ impl Weighed {
             closes: self.closes,
             noise_scale: self.noise_scale,
             is_vague: self.vague,
+            passenger: self.passenger.parse().ok(),
             is_of_the_rig: self.of_the_rig,
             beyond: self.beyond,
         })

@@ -2,7 +2,8 @@
 //!
 //! * Before: [`visible`](mod@visible), which candidates the measurement can show at all.
 //! * What evidence alone does not settle: [`closure`], how far effects close the gap; [`rules`], what that and a bad fit take
-//!   from a hypothesis; [`untried`], those that the emulator knows too little of; [`lean`], whether the truth may lie beyond
+//!   from a hypothesis; [`untried`], those that the emulator knows too little of; [`mod@passenger`], effects that come with another one and do
+//!   nothing; [`lean`], whether the truth may lie beyond
 //!   the bounds.
 //! * After: [`confounding`], which hypotheses the measurement cannot tell apart, [`told`], which of several tests does, and
 //!   [`forecast`], what it would take to; [`rest`], what else there is and what that goes with; [`marginals`] and [`draws`],
@@ -14,6 +15,7 @@ pub mod draws;
 pub mod forecast;
 pub mod lean;
 pub mod marginals;
+pub mod passenger;
 pub mod rest;
 pub mod rig;
 pub mod rules;
@@ -28,6 +30,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::attribute::attribution::closure::closes;
+use crate::attribute::attribution::passenger::passenger;
 use crate::attribute::attribution::rig::of_the_rig;
 use crate::attribute::attribution::rules::rule_out;
 use crate::attribute::attribution::untried::is_too_vague;
@@ -84,6 +87,8 @@ pub struct Explanation {
     pub noise_scale: f64,
     /// Whether the emulator knows too little where it fits best to say how much it closes.
     pub is_vague: bool,
+    /// Of several effects the one of which it is not known that it does anything.
+    pub passenger: Option<usize>,
     /// Whether one of its effects is an error of the measurement, or does what such an error does.
     pub is_of_the_rig: bool,
     /// Probability under it that some parameter of the base model is beyond what was believed.
@@ -99,6 +104,8 @@ pub enum RuledOut {
     ClosesLittle,
     /// Nothing that an effect of it can do would be seen.
     Invisible,
+    /// It is not known of one of its effects that it does anything; that goes to the others.
+    Passenger,
 }
 
 impl RuledOut {
@@ -108,6 +115,7 @@ impl RuledOut {
             Self::Misfit => "misfit",
             Self::ClosesLittle => "closes-little",
             Self::Invisible => "invisible",
+            Self::Passenger => "passenger",
         }
     }
 }
@@ -305,6 +313,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 closes: 0.0,
                 noise_scale: 1.0,
                 is_vague: false,
+                passenger: None,
                 is_of_the_rig: false,
                 hypothesis: set,
             })
@@ -425,6 +434,7 @@ fn look_closer(problem: &Problem<'_>, explanations: &mut [Explanation]) -> Resul
             of.closes = closes(problem, &base, of)?;
             let scales = of.model(problem).nuisances(of.best()).scales;
             of.is_vague = is_too_vague(problem, of);
+            of.passenger = if is_close { passenger(problem, of) } else { None };
             if problem.is_noise_stated {
                 of.noise_scale = scales.into_iter().fold(0.0, f64::max);
             }

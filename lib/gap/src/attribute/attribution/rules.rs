@@ -156,6 +156,8 @@ impl Explanation {
 /// Take the probability of what does not fit, or closes little: a bad fit says that something remains, and takes
 /// nothing from the effects that are in. It goes to what is likelier then, and is one in all as before.
 pub(super) fn rule_out(all: &mut [Explanation]) {
+    close_as_beside_a_rest(all);
+    let_passengers_off(all);
     give_misfits_a_rest(all);
     let Some(unknown) = place_of(all, &[], true) else { return };
     doubt_the_noise(all, unknown);
@@ -177,6 +179,35 @@ pub(super) fn rule_out(all: &mut [Explanation]) {
 /// The place of these effects, with a rest or without.
 fn place_of(all: &[Explanation], hypothesis: &[usize], has_rest: bool) -> Option<usize> {
     all.iter().position(|of| of.has_rest == has_rest && of.hypothesis == hypothesis)
+}
+
+/// Effects that need more noise than was stated close no more than beside a rest: such a noise may be one by another name, and
+/// what it is taken for is not closed by them.
+fn close_as_beside_a_rest(all: &mut [Explanation]) {
+    for place in 0..all.len() {
+        let of = &all[place];
+        if of.has_rest || !of.is_cause() || !of.has_more_noise() {
+            continue;
+        }
+        if let Some(beside) = place_of(all, &of.hypothesis, true) {
+            all[place].closes = of.closes.min(all[beside].closes);
+        }
+    }
+}
+
+/// Several effects, of which one is not known to do anything, are the others.
+fn let_passengers_off(all: &mut [Explanation]) {
+    // The others may have a passenger, too.
+    let mut places: Vec<usize> = (0..all.len()).collect();
+    places.sort_by_key(|&place| Reverse(all[place].hypothesis.len()));
+    for place in places {
+        let Some(passenger) = all[place].passenger else { continue };
+        let others: Vec<usize> =
+            all[place].hypothesis.iter().copied().filter(|&other| other != passenger).collect();
+        let Some(heir) = place_of(all, &others, all[place].has_rest) else { continue };
+        all[place].ruled_out.get_or_insert(RuledOut::Passenger);
+        all[heir].probability += std::mem::take(&mut all[place].probability);
+    }
 }
 
 /// What does not fit without a rest is as likely with one.
@@ -325,6 +356,28 @@ mod tests {
             rule_out(&mut all);
             assert_eq!(all[1].probability, 0.0, "{more}");
         }
+    }
+
+    #[test]
+    fn a_noise_that_may_be_a_rest_by_another_name_closes_nothing() {
+        let closes = |noise_scale: f64, beside: f64| {
+            let mut all = as_likely([("wave", 0.9), ("wave+unexplained", 0.1), ("unexplained", 0.0)]);
+            (all[0].closes, all[0].noise_scale, all[1].closes) = (0.7, noise_scale, beside);
+            rule_out(&mut all);
+            [all[0].closes, all[1].closes]
+        };
+        assert_eq!(closes(2.0, 0.4), [0.4, 0.4]);
+        assert_eq!(closes(2.0, 0.9), [0.7, 0.9]);
+        assert_eq!(closes(1.2, 0.4), [0.7, 0.4]);
+    }
+
+    #[test]
+    fn what_is_not_known_to_do_anything_leaves_all_to_the_others() {
+        let mut all = as_likely([("wave", 0.2), ("wave+offset(y)", 0.7), ("unexplained", 0.1)]);
+        all[1].passenger = Some(all[1].hypothesis[1]);
+        let_passengers_off(&mut all);
+        assert_eq!(all.each_ref().map(|of| of.probability), [0.2 + 0.7, 0.0, 0.1]);
+        assert_eq!(all[1].ruled_out, Some(RuledOut::Passenger));
     }
 
     #[test]

@@ -35,6 +35,14 @@ pub trait Predictor: Sync {
         points.iter().map(|point| self.predict(point)).collect()
     }
 
+    /// What the components at one point have more than at another, with the variance that comes from not knowing the
+    /// simulation at both.
+    fn difference(&self, point: &[f64], other: &[f64]) -> Predicted {
+        let (a, b) = (self.predict(point), self.predict(other));
+        let variance = a.variance.iter().zip(&b.variance).map(|(a, b)| a + b).collect();
+        Predicted { mean: a.mean.iter().zip(&b.mean).map(|(a, b)| a - b).collect(), variance }
+    }
+
     /// Components at a point, without their variance.
     fn mean(&self, point: &[f64]) -> Vec<f64> {
         self.predict(point).mean

@@ -4,6 +4,7 @@ use anyhow::Result;
 use nalgebra::DMatrix;
 
 use crate::attribute::problem::predictor::{Predicted, Predictor};
+use gl_emulator::gp::{Gp, Place};
 use gl_emulator::warp::{self, FAR, FAR_OF_SCATTER, Warp, scatters};
 use gl_emulator::{Emulator, Options};
 use gl_inference::ensemble::Ensemble;
@@ -134,6 +135,18 @@ impl Predictor for Simulation {
     fn predict_all(&self, points: &[Vec<f64>]) -> Vec<Predicted> {
         let all = self.emulator.predict_all_scores(points);
         all.into_iter().map(|(mean, variance)| Predicted { mean, variance }).collect()
+    }
+
+    fn difference(&self, point: &[f64], other: &[f64]) -> Predicted {
+        let [a, b] = [point, other].map(|point| self.emulator.places(point));
+        let variance = |(gp, (a, b)): (&Gp, (&Place, &Place))| {
+            (gp.covariance(a, a) + gp.covariance(b, b) - 2.0 * gp.covariance(a, b)).max(0.0)
+        };
+        let [mean, off] = [point, other].map(|point| self.emulator.mean_scores(point));
+        Predicted {
+            mean: mean.iter().zip(&off).map(|(a, b)| a - b).collect(),
+            variance: self.emulator.processes().iter().zip(a.iter().zip(&b)).map(variance).collect(),
+        }
     }
 
     fn mean(&self, point: &[f64]) -> Vec<f64> {
