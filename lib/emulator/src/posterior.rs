@@ -114,6 +114,9 @@ pub struct Inference {
     /// How the best fit compares with the noise as stated, with its scatter and correlation; absent where
     /// the noise was not stated.
     pub chi_square: Option<ChiSquare>,
+    /// What the best fit leaves, tested without what the emulator or the simulation's scatter make of it, of which neither
+    /// alternates.
+    pub left: gl_inference::fit::Fit,
     /// Independent readings among the residuals of the best fit.
     pub independent_readings: f64,
     /// Standard deviation of ln likelihood within the posterior by what the emulator does not know, the root of
@@ -348,6 +351,7 @@ impl Asked<'_> {
             misfit: fits.iter().map(|fit| fit.square).collect(),
             error: residuals.iter().map(|residual| measured.error(residual)).collect(),
             ln_evidence: population.ln_evidence,
+            left: noise::test(&residuals[best], measured, space.len()),
             independent_readings: noise::independent(&residuals[best], measured).iter().sum(),
             chi_square,
             ignorance,

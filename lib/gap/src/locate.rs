@@ -12,7 +12,7 @@ use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
 use super::standardised::standardised;
 use gl_inference::ensemble::Ensemble;
-use gl_inference::fit::{self, Fit};
+use gl_inference::fit::{self, ALTERNATES, CORRELATED, Fit, ON_ALTERNATING};
 use gl_inference::observations::Observations;
 use gl_inference::path::Path;
 use gl_inference::units::Units;
@@ -394,16 +394,13 @@ pub fn named(test: &str, observable: &str) -> String {
 
 /// What is concluded where no stretch stands out.
 fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
-    /// Neighbours this far on the other side of each other alternate, and as far on the same side they are no white noise.
-    const CORRELATED: f64 = 0.25;
     if !fit.is_bad() {
         verdicts.add("no-gap", fit.probability, "No gap beyond what noise and posterior spread explain.");
-    } else if fit.correlation < -CORRELATED {
+    } else if fit.alternates() {
         verdicts.add(
             "alternates",
             fit.correlation,
-            "No stretch stands out, but the gap changes its sign from reading to reading more than noise does: \
-             look at how the readings were taken, or at an oscillation that the model lacks.",
+            format!("No stretch stands out, but the gap {ALTERNATES}: {ON_ALTERNATING}."),
         );
     } else if fit.scatter <= 1.0 {
         verdicts.add(
@@ -472,7 +469,10 @@ mod tests {
     fn where_no_stretch_stands_out_what_is_left_is_told_by_how_neighbours_are() {
         let code = |probability: f64, scatter: f64, correlation: f64| {
             let mut verdicts = Verdicts::default();
-            without_stretch(&mut verdicts, &Fit { probability, scatter, correlation });
+            without_stretch(
+                &mut verdicts,
+                &Fit { probability, scatter, correlation, correlation_p: probability },
+            );
             verdicts.rows.remove(0).code
         };
         assert_eq!(code(0.5, 1.3, 0.8), "no-gap");

@@ -5,6 +5,16 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 /// Below this probability a fit is bad.
 pub const BAD: f64 = 0.01;
 
+/// Neighbours this far on the same side of each other are correlated, and on the other one alternate.
+pub const CORRELATED: f64 = 0.25;
+
+/// What alternates, in words, for who says of what.
+pub const ALTERNATES: &str = "changes its sign from reading to reading more than noise does";
+
+/// What to do about it.
+pub const ON_ALTERNATING: &str =
+    "look at how the readings were taken, or at an oscillation that the model lacks";
+
 /// What a test of a fit says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
@@ -14,12 +24,19 @@ pub struct Fit {
     pub scatter: f64,
     /// Correlation of neighbours in what is left: near −1 it alternates, near 1 it is smooth.
     pub correlation: f64,
+    /// Probability of a correlation at least as far from that of noise.
+    pub correlation_p: f64,
 }
 
 impl Fit {
     /// Whether the fit is bad.
     pub fn is_bad(&self) -> bool {
         self.probability < BAD
+    }
+
+    /// Whether what is left alternates: neither an emulator's error, nor scatter, nor a noise that is correlated does.
+    pub fn alternates(&self) -> bool {
+        self.correlation < -CORRELATED && one_of_two(self.correlation_p) < BAD
     }
 }
 
@@ -44,11 +61,16 @@ pub fn test(left: &[Vec<f64>], taken: usize) -> Fit {
     let correlation = if square > 0.0 && pairs > 0 { products / square } else { 0.0 };
     let allowed = taken as f64 / readings.max(1) as f64;
     let beyond = if correlation < 0.0 { (correlation + allowed).min(0.0) } else { correlation };
-    let of_correlation = Normal::new(0.0, 1.0)
+    let correlation_p = Normal::new(0.0, 1.0)
         .map_or(1.0, |normal| 2.0 * normal.sf(beyond.abs() * (pairs as f64).sqrt()))
         .min(1.0);
-    let smallest = of_square.min(of_correlation);
-    Fit { probability: smallest * (2.0 - smallest), scatter: (square / freedom).sqrt(), correlation }
+    let probability = one_of_two(of_square.min(correlation_p));
+    Fit { probability, scatter: (square / freedom).sqrt(), correlation, correlation_p }
+}
+
+/// The probability of two tests together whose smaller one this is.
+fn one_of_two(p: f64) -> f64 {
+    p * (2.0 - p)
 }
 
 /// Probability of a misfit at least as large as this sum of squares of so many independent readings.
@@ -88,9 +110,14 @@ mod tests {
         let alternating = |t: usize| if t.is_multiple_of(2) { 1.0 } else { -1.0 };
         let left = vec![(0..40).map(alternating).collect::<Vec<_>>()];
         let fit = test(&left, 3);
-        assert!(fit.is_bad() && fit.correlation < -0.9 && (fit.scatter - 1.0).abs() < 0.1, "{fit:?}");
+        assert!(
+            fit.is_bad() && fit.alternates() && fit.correlation < -0.9 && (fit.scatter - 1.0).abs() < 0.1,
+            "{fit:?}"
+        );
         let smooth = vec![(0..40).map(|t| (0.3 * f64::from(t)).sin()).collect::<Vec<_>>()];
-        assert!(test(&smooth, 3).is_bad());
+        assert!(test(&smooth, 3).is_bad() && !test(&smooth, 3).alternates());
+        let few = vec![(0..7).map(alternating).collect::<Vec<_>>()];
+        assert!(!test(&few, 3).alternates());
     }
 
     #[test]

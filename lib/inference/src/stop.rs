@@ -5,7 +5,7 @@ use gl_table::verdict::Verdicts;
 use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
 
-use crate::fit::{of_misfit, said};
+use crate::fit::{ALTERNATES, ON_ALTERNATING, of_misfit, said};
 use crate::summary::{ParameterSummary, Summary};
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -328,6 +328,12 @@ fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
             error,
             format!("the fit is bad: {who} by {:.0} % of the range", 100.0 * error),
         );
+    }
+    if let Some(correlation) = summary.alternation {
+        let text = format!(
+            "the fit is bad: what it leaves {ALTERNATES} (correlation {correlation:.2}): {ON_ALTERNATING}"
+        );
+        verdicts.add("bad-fit", correlation, text);
     }
     let Some((value, degrees, p)) = test else { return };
     let on = format!("χ² {value:.0} on {degrees:.0} degrees of freedom");

@@ -427,6 +427,22 @@ fn a_fit_that_is_worse_or_better_than_the_noise_allows_is_said() {
 }
 
 #[test]
+fn a_measurement_that_alternates_is_a_bad_fit_for_all_who_look() {
+    let folder = measured(80, 0.0, 0.6, |x| {
+        let side = if (80.0 * x).round() as usize % 2 == 0 { 1.0 } else { -1.0 };
+        curve(&[0.4, 0.6], x) + 0.015 * side
+    });
+    simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
+    folder.run(&format!("{CALL} --noise y=0.02"));
+    let said = verdicts(&folder).find("noise-alternates").unwrap().text.clone();
+    assert!(said.contains("changes its sign from reading to reading more than noise does"), "{said}");
+    assert!(folder.quantity("summary.txt", "chi_square_p") > 0.01, "its size is that of noise");
+    let output = folder.call("gl-check-stop --sigma-tol 1e-9 summary.txt", "");
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("the fit is bad: what it leaves changes its sign"), "{text}");
+}
+
+#[test]
 fn two_modes_are_kept() {
     let two = |p: &[f64], x: f64| 4.0 * (p[0] - 0.5).powi(2) * x + (0.3 + p[1]) * x * x;
     let folder = measured(40, 0.0, 0.5, |x| two(&[0.2, 0.5], x));

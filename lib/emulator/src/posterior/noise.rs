@@ -86,6 +86,15 @@ pub fn independent(residuals: &[f64], measured: &Measured) -> Vec<f64> {
     (0..measured.observables()).map(|j| independent_readings(&standardised[measured.own(j)])).collect()
 }
 
+/// The test that all tools share, of residuals in standard deviations of the noise, observable by observable, of which a fit
+/// has `taken` so many degrees of freedom.
+pub fn test(residuals: &[f64], measured: &Measured, taken: usize) -> gl_inference::fit::Fit {
+    let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
+    let left: Vec<Vec<f64>> =
+        (0..measured.observables()).map(|j| standardised[measured.own(j)].to_vec()).collect();
+    gl_inference::fit::test(&left, taken)
+}
+
 /// Parameters that a measurement decides: Σ 1 − (posterior sd / prior sd)².
 pub fn decided(points: &[Vec<f64>], prior_sd: &[f64]) -> f64 {
     let weights = vec![1.0 / points.len() as f64; points.len()];

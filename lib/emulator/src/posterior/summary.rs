@@ -1,7 +1,7 @@
 //! What a posterior through an emulator says: in numbers, in conclusions, and by the weights of real runs.
 
 use anyhow::Result;
-use gl_inference::fit::said;
+use gl_inference::fit::{ALTERNATES, ON_ALTERNATING, said};
 use gl_inference::prior::Parameter;
 use gl_inference::samples::Samples;
 use gl_inference::stop::leaning_verdicts;
@@ -188,6 +188,7 @@ impl Inference {
             inflation: Some(if self.nuisances.inflation { self.variance().sqrt() } else { 1.0 }),
             correlation: Some(correlations.fold(0.0, f64::max)),
             independent_readings: Some(self.independent_readings),
+            alternation: self.left.alternates().then_some(self.left.correlation),
             chi_square: self.chi_square.map(|test| test.value),
             chi_square_degrees: self.chi_square.map(|test| test.degrees),
             chi_square_p: self.chi_square.map(|test| test.p),
@@ -239,6 +240,16 @@ impl Inference {
     }
 
     fn say_of_noise(&self, verdicts: &mut Verdicts) {
+        if self.left.alternates() {
+            let correlation = self.left.correlation;
+            verdicts.add(
+                "noise-alternates",
+                format!("{correlation:.3}"),
+                format!(
+                    "what the best fit leaves {ALTERNATES} (correlation {correlation:.2}): {ON_ALTERNATING}"
+                ),
+            );
+        }
         if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_worse()) {
             let factor = self.variance().sqrt();
             let what = if self.nuisances.inflation {

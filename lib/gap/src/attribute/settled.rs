@@ -46,8 +46,8 @@ pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
         && ignorance(problem, base) <= KNOWN
 }
 
-/// What the base model leaves where that is no noise as it was stated, by the test that all tools share. Nothing is said
-/// where the simulation's scatter, or what the emulator does not know, is a part of what is left.
+/// What the base model leaves where that is no noise as it was stated, by the test that all tools share. Where the
+/// simulation's scatter, or what the emulator does not know, is a part of what is left, only that it alternates is said.
 pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> {
     /// So much more than the noise alone is not noise alone.
     const MORE: f64 = 1.1;
@@ -59,9 +59,6 @@ pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> 
         if problem.is_noise_stated { stated } else { base.model(problem).nuisances(base.best()).scales };
     let noise = |j: usize| problem.noise_variance(j, scales[j]).sqrt();
     let is_noise_alone = (0..problem.ranges.len()).all(|j| problem.spread(j, &scales) < MORE * noise(j));
-    if !is_noise_alone || ignorance(problem, base) > UNSEEN {
-        return None;
-    }
     let left = |j: usize| -> Vec<f64> {
         let of = |i: usize| {
             // One that is far off says nothing of the others.
@@ -74,7 +71,9 @@ pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> 
         problem.own(j).map(of).collect()
     };
     let left: Vec<Vec<f64>> = (0..problem.ranges.len()).map(left).collect();
-    Some(test(&left, problem.prior.base().len())).filter(Fit::is_bad)
+    let fit = test(&left, problem.prior.base().len());
+    let is_all_noise = is_noise_alone && ignorance(problem, base) <= UNSEEN;
+    Some(fit).filter(|fit| fit.alternates() || is_all_noise && fit.is_bad())
 }
 
 /// Whether an explanation fits only by a noise that is larger than another one needs.

@@ -373,8 +373,9 @@ mod tests {
 
     #[test]
     fn what_is_not_known_to_do_anything_leaves_all_to_the_others() {
-        let mut all = as_likely([("wave", 0.2), ("wave+offset(y)", 0.7), ("unexplained", 0.1)]);
-        all[1].passenger = Some(all[1].hypothesis[1]);
+        let mut all = as_likely([("wave", 0.2), ("wave", 0.7), ("unexplained", 0.1)]);
+        all[1].hypothesis.push(1);
+        all[1].passenger = Some(1);
         let_passengers_off(&mut all);
         assert_eq!(all.each_ref().map(|of| of.probability), [0.2 + 0.7, 0.0, 0.1]);
         assert_eq!(all[1].ruled_out, Some(RuledOut::Passenger));

@@ -197,7 +197,11 @@ fn left_at(problem: &Problem<'_>, of: &Explanation, model: &Model<'_>, w: &[f64]
 
 /// Root mean square of squares by reading, in units of scatter and the noise of an explanation, which is no more than
 /// what is stated: one that came out larger may have taken in what the emulator does not know.
-pub(super) fn in_units_of_noise(problem: &Problem<'_>, of: &Explanation, square: impl Fn(usize) -> f64) -> f64 {
+pub(super) fn in_units_of_noise(
+    problem: &Problem<'_>,
+    of: &Explanation,
+    square: impl Fn(usize) -> f64,
+) -> f64 {
     let mut scales = of.model(problem).nuisances(of.best()).scales;
     if problem.is_noise_stated {
         scales.iter_mut().for_each(|scale| *scale = scale.min(1.0));

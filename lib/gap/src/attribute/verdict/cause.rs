@@ -1,7 +1,7 @@
 //! The cause, or why there is none, and how much of the gap it closes.
 
 use anyhow::Result;
-use gl_inference::fit::Fit;
+use gl_inference::fit::{ALTERNATES, CORRELATED, Fit, ON_ALTERNATING};
 use gl_table::verdict::Verdicts;
 
 use super::{LITTLE, percent, rest};
@@ -43,8 +43,6 @@ pub(super) fn add(
 /// That the base model comes first: settled unless it takes a noise that was not believed, or leaves what is no noise as
 /// it was stated.
 fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis, is_settled: bool) {
-    /// Neighbours this far on the same side of each other, or on the other one, are correlated, or alternate.
-    const CORRELATED: f64 = 0.25;
     let first = diagnosis.first();
     let (probability, is_doubted) = (first.probability, first.doubted() > 0.0);
     let misfit = base_misfit(problem, diagnosis);
@@ -58,8 +56,9 @@ fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosi
             ", if readings scatter {} times what was stated: their noise is larger, {other}",
             short(first.noise_scale)
         ),
-        Some(Fit { correlation, .. }) if correlation < -CORRELATED => format!(
-            ", but what it leaves changes its sign from reading to reading more than noise does (correlation {correlation:.2}): look at how the readings were taken, or at an oscillation that the model lacks"
+        Some(fit) if fit.alternates() => format!(
+            ", but what it leaves {ALTERNATES} (correlation {:.2}): {ON_ALTERNATING}",
+            fit.correlation
         ),
         Some(Fit { correlation, .. }) if correlation > CORRELATED => format!(
             ", if the noise is correlated: what it leaves is smoother than noise as it was stated (correlation {correlation:.2}), {other}"

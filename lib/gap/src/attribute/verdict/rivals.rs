@@ -51,9 +51,14 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Di
         verdicts.add("next", rival, format!("not settled: next comes {rival} with probability {own:.2}"));
     }
     // The rival that a further measurement should tell from the first: one that it is confounded with, else
-    // the next in line.
+    // the next in line. Something unknown has no size that could be looked for: where nothing seems to be needed the
+    // likeliest effect is what may be there.
     let is_said = is_open || !of_first.is_cause();
-    let rival = diagnosis.confounded().or(rival.filter(|of| is_said && !of.is_unknown()));
+    let known = |of: &&Explanation| !of.is_unknown() && (!of_first.is_base() || of.is_cause());
+    let likeliest =
+        explanations.iter().find(|of| !of.says_as(of_first) && known(of) && of.ruled_out.is_none());
+    let rival = if of_first.is_base() { likeliest } else { rival.filter(known) };
+    let rival = diagnosis.confounded().or(rival.filter(|_| is_said));
     let Some(rival) = rival.filter(|_| !of_first.is_unknown()) else { return Ok(()) };
     if !first.confounded.is_empty() {
         verdicts.add(
@@ -130,4 +135,27 @@ fn add_effort(
     };
     verdicts.add("effort", value, text);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn where_nothing_is_needed_it_is_forecast_what_would_find_the_likeliest_effect() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.003, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let order = |of: &Explanation| [!of.is_base(), !of.is_unknown(), of.name != "wave"];
+        diagnosis.attribution.explanations.sort_by_key(order);
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, &diagnosis).unwrap();
+        let effort = verdicts.find("effort").unwrap();
+        assert!(effort.text.contains("would tell wave from none"), "{}", effort.text);
+    }
 }

@@ -63,7 +63,9 @@ pub(super) fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnos
                 Some(of) if off <= of.lower => String::new(),
                 _ => format!(" from {}", short(low.min(off))),
             };
-            format!("{name}{from} up to {}", short(high.max(off)))
+            let unit =
+                parameter.and_then(|of| of.unit.as_ref()).map_or_else(String::new, |unit| format!(" {unit}"));
+            format!("{name}{from} up to {}{unit}", short(high.max(off)))
         };
         let within: Vec<String> = of_effect.map(within).collect();
         let effect = name(&of.hypothesis, &problem.candidates);
