@@ -217,6 +217,8 @@ impl fmt::Display for ByName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (place, (name, value)) in self.0.iter().enumerate() {
             let comma = if place > 0 { "," } else { "" };
+            let is_plain = *value == 0.0 || (1e-5..1e16).contains(&value.abs());
+            let value = if is_plain { value.to_string() } else { format!("{value:e}") };
             write!(f, "{comma}{name}={value}")?;
         }
         Ok(())
