@@ -437,7 +437,7 @@ fn a_measurement_that_alternates_is_a_bad_fit_for_all_who_look() {
     let said = verdicts(&folder).find("noise-alternates").unwrap().text.clone();
     assert!(said.contains("changes its sign from reading to reading more than noise does"), "{said}");
     assert!(folder.quantity("summary.txt", "chi_square_p") > 0.01, "its size is that of noise");
-    let output = folder.call("gl-check-stop --sigma-tol 1e-9 summary.txt", "");
+    let output = folder.call("gl-check-stop --error-tol 1 summary.txt", "");
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(text.contains("the fit is bad: what it leaves changes its sign"), "{text}");
 }
