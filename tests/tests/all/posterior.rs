@@ -429,7 +429,7 @@ fn a_fit_that_is_worse_or_better_than_the_noise_allows_is_said() {
 #[test]
 fn a_measurement_that_alternates_is_a_bad_fit_for_all_who_look() {
     let folder = measured(80, 0.0, 0.6, |x| {
-        let side = if (80.0 * x).round() as usize % 2 == 0 { 1.0 } else { -1.0 };
+        let side = if ((80.0 * x).round() as usize).is_multiple_of(2) { 1.0 } else { -1.0 };
         curve(&[0.4, 0.6], x) + 0.015 * side
     });
     simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
