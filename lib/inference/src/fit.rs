@@ -73,6 +73,11 @@ fn one_of_two(p: f64) -> f64 {
     p * (2.0 - p)
 }
 
+/// That what is left alternates with this correlation of neighbours, and what to do about it, for who says of what.
+pub fn alternation(correlation: f64) -> String {
+    format!("{ALTERNATES} (correlation {correlation:.2}): {ON_ALTERNATING}")
+}
+
 /// Probability of a misfit at least as large as this sum of squares of so many independent readings.
 pub fn of_misfit(square: f64, freedom: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::NAN, |chi| chi.sf(square.max(0.0)))

@@ -5,7 +5,7 @@ use gl_table::verdict::Verdicts;
 use gl_table::{number, yes_no};
 use serde::{Deserialize, Serialize};
 
-use crate::fit::{ALTERNATES, ON_ALTERNATING, of_misfit, said};
+use crate::fit::{alternation, of_misfit, said};
 use crate::summary::{ParameterSummary, Summary};
 
 /// Tolerances that end a calibration; any one that is met does.
@@ -330,9 +330,7 @@ fn fit_verdicts(summary: &Summary, verdicts: &mut Verdicts) {
         );
     }
     if let Some(correlation) = summary.alternation {
-        let text = format!(
-            "the fit is bad: what it leaves {ALTERNATES} (correlation {correlation:.2}): {ON_ALTERNATING}"
-        );
+        let text = format!("the fit is bad: what it leaves {}", alternation(correlation));
         verdicts.add("bad-fit", correlation, text);
     }
     let Some((value, degrees, p)) = test else { return };

@@ -82,17 +82,18 @@ impl ChiSquare {
 /// Independent readings of each observable among residuals, observable by observable, by their
 /// autocorrelation.
 pub fn independent(residuals: &[f64], measured: &Measured) -> Vec<f64> {
-    let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
-    (0..measured.observables()).map(|j| independent_readings(&standardised[measured.own(j)])).collect()
+    standardised(residuals, measured).iter().map(|z| independent_readings(z)).collect()
 }
 
-/// The test that all tools share, of residuals in standard deviations of the noise, observable by observable, of which a fit
-/// has `taken` so many degrees of freedom.
+/// The test that all tools share, of residuals, observable by observable, of which a fit has `taken` so many degrees of freedom.
 pub fn test(residuals: &[f64], measured: &Measured, taken: usize) -> gl_inference::fit::Fit {
-    let standardised: Vec<f64> = residuals.iter().zip(&measured.noise).map(|(r, sd)| r / sd).collect();
-    let left: Vec<Vec<f64>> =
-        (0..measured.observables()).map(|j| standardised[measured.own(j)].to_vec()).collect();
-    gl_inference::fit::test(&left, taken)
+    gl_inference::fit::test(&standardised(residuals, measured), taken)
+}
+
+/// Residuals in standard deviations of the noise, shape (observables, steps).
+fn standardised(residuals: &[f64], measured: &Measured) -> Vec<Vec<f64>> {
+    let of = |j: usize| measured.own(j).map(|o| residuals[o] / measured.noise[o]).collect();
+    (0..measured.observables()).map(of).collect()
 }
 
 /// Parameters that a measurement decides: Σ 1 − (posterior sd / prior sd)².

@@ -1,7 +1,7 @@
 //! What a posterior through an emulator says: in numbers, in conclusions, and by the weights of real runs.
 
 use anyhow::Result;
-use gl_inference::fit::{ALTERNATES, ON_ALTERNATING, said};
+use gl_inference::fit::{alternation, said};
 use gl_inference::prior::Parameter;
 use gl_inference::samples::Samples;
 use gl_inference::stop::leaning_verdicts;
@@ -245,9 +245,7 @@ impl Inference {
             verdicts.add(
                 "noise-alternates",
                 format!("{correlation:.3}"),
-                format!(
-                    "what the best fit leaves {ALTERNATES} (correlation {correlation:.2}): {ON_ALTERNATING}"
-                ),
+                format!("what the best fit leaves {}", alternation(correlation)),
             );
         }
         if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_worse()) {

@@ -4,7 +4,7 @@
 //! the noise, such an effect turns what is left of the measurement a little its way, and comes with the one that is in it.
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::attribution::untried::in_units_of_noise;
+use crate::attribute::attribution::untried::{in_units_of_noise, uncertainty};
 use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 
@@ -29,7 +29,6 @@ fn known(problem: &Problem<'_>, of: &Explanation, effect: usize) -> Option<f64> 
     }
     let added = problem.predictor.difference(&on, &off);
     let readings = problem.predictor.basis() * nalgebra::DVector::from_vec(added.mean);
-    let errors = problem.emulator_errors(&added.variance);
     let size = in_units_of_noise(problem, of, |i| readings[i] * readings[i]);
-    Some(size / in_units_of_noise(problem, of, |i| errors.row(i).norm_squared()))
+    Some(size / uncertainty(problem, of, &added.variance))
 }

@@ -185,7 +185,12 @@ pub fn ignorance(problem: &Problem<'_>, of: &Explanation) -> f64 {
 
 /// The same at parameters of a model, in units of an explanation's noise and scatter.
 fn ignorance_at(problem: &Problem<'_>, of: &Explanation, model: &Model<'_>, w: &[f64]) -> f64 {
-    let errors = problem.emulator_errors(&model.curve(w).variance);
+    uncertainty(problem, of, &model.curve(w).variance)
+}
+
+/// The same of what is not known of each component, as a variance, shape (components,).
+pub(super) fn uncertainty(problem: &Problem<'_>, of: &Explanation, variance: &[f64]) -> f64 {
+    let errors = problem.emulator_errors(variance);
     in_units_of_noise(problem, of, |i| errors.row(i).norm_squared())
 }
 

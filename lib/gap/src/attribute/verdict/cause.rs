@@ -1,7 +1,7 @@
 //! The cause, or why there is none, and how much of the gap it closes.
 
 use anyhow::Result;
-use gl_inference::fit::{ALTERNATES, CORRELATED, Fit, ON_ALTERNATING};
+use gl_inference::fit::{CORRELATED, Fit, alternation};
 use gl_table::verdict::Verdicts;
 
 use super::{LITTLE, percent, rest};
@@ -56,10 +56,7 @@ fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosi
             ", if readings scatter {} times what was stated: their noise is larger, {other}",
             short(first.noise_scale)
         ),
-        Some(fit) if fit.alternates() => format!(
-            ", but what it leaves {ALTERNATES} (correlation {:.2}): {ON_ALTERNATING}",
-            fit.correlation
-        ),
+        Some(fit) if fit.alternates() => format!(", but what it leaves {}", alternation(fit.correlation)),
         Some(Fit { correlation, .. }) if correlation > CORRELATED => format!(
             ", if the noise is correlated: what it leaves is smoother than noise as it was stated (correlation {correlation:.2}), {other}"
         ),
