@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use gl_inference::observations::ByName;
-use gl_inference::rig::{Rig, own_name};
+use gl_inference::rig::Rig;
 use gl_inference::stack::is_test_name;
 use toml::de::DeTable;
 
@@ -249,9 +249,10 @@ impl Case {
         places: Places,
     ) -> Result<Self> {
         let mut tests = tests(folder, source, &file, &places)?;
-        for (error, size) in file.rig.iter().flatten() {
+        let rig: ByName = file.rig.into_iter().flatten().collect();
+        for (error, size) in rig.iter() {
             let place = || places.of_setting(&format!("rig.{error}")).to_string();
-            add_to_rig(&mut tests, error, *size).with_context(place)?;
+            add_to_rig(&mut tests, error, size).with_context(place)?;
         }
         let name =
             file.name.with_context(|| lacks(source, "name", "the first part of the names of the runs"))?;
@@ -269,8 +270,8 @@ impl Case {
             params: file.params.unwrap_or_else(|| "params.txt".to_owned()),
             tests,
             units: file.units.unwrap_or_default(),
-            truth: ByName(file.truth.unwrap_or_default()),
-            rig: ByName(file.rig.unwrap_or_default()),
+            truth: file.truth.into_iter().flatten().collect(),
+            rig,
             num: file.num.map(usize::from),
             iterations: file.iterations.map_or(iterations, usize::from),
             seed: file.seed.unwrap_or(0),
@@ -419,8 +420,9 @@ fn tests(folder: &Path, source: &str, file: &File, places: &Places) -> Result<Ve
 /// Add an error of the rig to the test that it is of.
 fn add_to_rig(tests: &mut [Test], error: &str, size: f64) -> Result<()> {
     for test in tests.iter_mut() {
-        let Some(own) = own_name(error, &test.name) else { continue };
-        test.rig.add(&own, size)?;
+        if !test.rig.add_if_of(&test.name, error, size)? {
+            continue;
+        }
         let known = test.observable_names();
         if let Some(other) = test.rig.observables().find(|of| !known.iter().any(|name| name == of)) {
             bail!("{error}: no observable {other}: observables names {}", known.join(", "));
@@ -469,7 +471,7 @@ fn test(
         );
     }
     let by_name = |own: &Option<Vec<(String, f64)>>, of_case: &Option<Vec<(String, f64)>>| {
-        ByName(own.as_ref().or(of_case.as_ref()).cloned().unwrap_or_default())
+        own.as_ref().or(of_case.as_ref()).into_iter().flatten().cloned().collect::<ByName>()
     };
     let test = Test {
         name: entry.name.clone().unwrap_or_default(),
@@ -488,16 +490,16 @@ fn test(
     for (key, rows, own) in
         [("noise", &test.noise, entry.noise.is_some()), ("weights", &test.weights, entry.weights.is_some())]
     {
-        for (name, _) in &rows.0 {
+        for name in rows.names() {
             ensure!(
-                known.contains(name),
+                known.iter().any(|known| known == name),
                 "{}: {key}: no observable {name}: observables names {}",
                 places.of_setting(&at(own, &format!("{key}.{name}"))),
                 known.join(", ")
             );
         }
         ensure!(
-            rows.is_empty() || rows.0.len() == known.len(),
+            rows.is_empty() || rows.names().count() == known.len(),
             "{}: {key}: give it for each of {}, or for none",
             places.of_setting(&at(own, key)),
             known.join(", ")

@@ -54,7 +54,7 @@ impl Winner {
 
     /// Names of the effects, and of the errors behind them.
     pub fn names(&self) -> Vec<&str> {
-        self.effects.iter().chain(self.rig.0.iter().map(|(name, _)| name)).map(String::as_str).collect()
+        self.effects.iter().map(String::as_str).chain(self.rig.names()).collect()
     }
 
     /// The calibration with it in, of a diagnosis in `out`: its name has no comma, since commas part the tables that tools

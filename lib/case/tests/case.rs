@@ -37,7 +37,7 @@ fn a_case_is_what_its_file_says() {
         ("u".to_owned(), "t=shear".to_owned())
     );
     assert_eq!(test.observable_names(), ["f", "t"]);
-    assert_eq!(test.noise.0, [("f".to_owned(), 0.005), ("t".to_owned(), 1.0)]);
+    assert_eq!(test.noise.to_string(), "f=0.005,t=1");
     assert_eq!((case.num, case.iterations, case.seed), (Some(30), 30, 0));
     assert_eq!((case.posterior, case.emulated), (Posterior::Emulator, 1000));
     assert_eq!(case.params(), Path::new("case/params.txt"));
@@ -48,7 +48,7 @@ fn what_is_given_for_a_call_wins_in_any_case_and_in_short() {
     let given = ["NUM=5", "noise=f=0.1,t=2e-3", "Steps=0:40", "effects=a,b", "SIGMA_TOL=0.5", "emulated=0"];
     let case = parse(COLLISION, &given).unwrap();
     assert_eq!(case.num, Some(5));
-    assert_eq!(case.tests[0].noise.0, [("f".to_owned(), 0.1), ("t".to_owned(), 0.002)]);
+    assert_eq!(case.tests[0].noise.to_string(), "f=0.1,t=0.002");
     assert_eq!(case.tests[0].steps.as_deref(), Some("0:40"));
     assert_eq!(case.effects, ["a", "b"]);
     assert_eq!(case.tolerances.sigma, Some(0.5));
@@ -62,7 +62,7 @@ fn what_is_given_for_a_call_wins_in_any_case_and_in_short() {
         assert_eq!(parse(COLLISION, &[given]).unwrap().posterior, posterior, "{given}");
     }
     let case = parse(COLLISION, &["noise={f=1,t=2}", "effects=", "measurement=offset", "packed=1"]).unwrap();
-    assert_eq!(case.tests[0].noise.0[1].1, 2.0);
+    assert_eq!(case.tests[0].noise.get("t"), Some(2.0));
     assert!(case.effects.is_empty());
     assert_eq!((case.measurement, case.packed), (vec!["offset".to_owned()], Some(true)));
 }

@@ -305,7 +305,7 @@ fn check_names(case: &Case, prior: Option<&Prior>) -> Result<()> {
         bail!("{}: no {what} {name}; {others}", place(case, &format!("{key}.{name}")))
     };
     let parameters = prior.names();
-    for (name, _) in &case.truth.0 {
+    for name in case.truth.names() {
         refuse("truth", name, &parameters, "parameter")?;
     }
     let mut axes = parameters.clone();

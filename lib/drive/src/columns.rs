@@ -28,7 +28,7 @@ pub(crate) fn all_tests(call: Call, case: &Case) -> Call {
     let weights: ByName = case
         .tests
         .iter()
-        .flat_map(|test| test.weights.0.iter().map(|(name, weight)| (test.named(name), *weight)))
+        .flat_map(|test| test.weights.iter().map(|(name, weight)| (test.named(name), weight)))
         .collect();
     call.option("--scale", case.tests[0].scale.as_ref()).option("--weights", given(&weights))
 }

@@ -176,12 +176,7 @@ impl Diagnosis<'_> {
     /// A winner with the errors of the rig that the case knows, too, which the runs of its design have already.
     fn whole_rig(&self, winner: &Winner) -> Winner {
         let mut rig = self.case.rig.clone();
-        for (name, size) in &winner.rig.0 {
-            match rig.0.iter_mut().find(|(known, _)| known == name) {
-                Some((_, known)) => *known += size,
-                None => rig.0.push((name.clone(), *size)),
-            }
-        }
+        winner.rig.iter().for_each(|(name, size)| rig.add(name, size));
         Winner { rig, ..winner.clone() }
     }
 

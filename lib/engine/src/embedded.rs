@@ -5,13 +5,13 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 
 use crate::Say;
 use crate::batch_table::BatchTable;
 use crate::call::Call;
 use crate::folder::RunFolder;
-use crate::model::{command_words, find_program, path_with_own};
+use crate::model::{command_words, find_program, path_with_own, placeholders, split_words};
 
 /// Become `MODEL -s SAMPLES DIR`, which makes the two files of each row and leaves out runs that are complete. It alone
 /// knows how long a run takes, and adds that to the table that is named in `GL_TIMES`, if it likes.
@@ -31,8 +31,15 @@ pub fn become_model(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Error 
 /// The program of an embedded simulator, and the arguments that it is given first.
 ///
 /// # Errors
-/// If there is none, or a quote is not closed.
+/// If there is none, a quote is not closed, or a word has a placeholder, which nothing would fill in.
 pub fn simulator(model: &str, case: &Path) -> Result<(PathBuf, Vec<String>)> {
+    if let Some(name) =
+        split_words(model)?.iter().flat_map(|word| placeholders(word)).find(|name| *name != "case")
+    {
+        bail!(
+            "{{{name}}} is filled in for a run at a time (gl-run local); an embedded simulator finds the column {name} in the samples table"
+        );
+    }
     let mut words = command_words(model, case)?.into_iter();
     let program = words.next().context("is empty; give a simulator such as gl-contact")?;
     let path = if program.contains('/') { Some(PathBuf::from(&program)) } else { find_program(&program) };
@@ -58,4 +65,19 @@ fn prepare(call: &Call, jobs: Option<NonZeroUsize>, say: Say) -> Result<(RunFold
         command.env("RAYON_NUM_THREADS", jobs.to_string());
     }
     Ok((folder, command))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn a_placeholder_that_nothing_would_fill_in_is_refused() {
+        let of = |model: &str| simulator(model, Path::new("/bin"));
+        let error = of("true --diameter {Do}").unwrap_err().to_string();
+        assert!(error.contains("{Do} is filled in for a run at a time"), "{error}");
+        assert_eq!(of("{case}/true --fast").unwrap().1, ["--fast"]);
+    }
 }

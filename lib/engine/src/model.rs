@@ -204,7 +204,7 @@ fn check_program(word: &mut String, case: &Path) -> Result<()> {
 }
 
 /// The names in `{NAME}`.
-fn placeholders(word: &str) -> impl Iterator<Item = &str> {
+pub(crate) fn placeholders(word: &str) -> impl Iterator<Item = &str> {
     word.split('{')
         .skip(1)
         .filter_map(|rest| rest.split_once('}'))

@@ -5,7 +5,9 @@ use rand::Rng;
 use rand::distr::Open01;
 
 use gl_inference::observations::{Observations, range};
+use gl_inference::path::short;
 use gl_inference::prior::normal_quantile;
+use gl_table::verdict::Verdicts;
 
 /// Noise of one observable: a standard deviation at each step times a first-order autoregressive
 /// process of unit variance.
@@ -19,6 +21,25 @@ pub struct Noise {
 
 /// A noise that is so many times the stated one, or the stated one so many times it, is another one.
 pub const OTHER_NOISE: f64 = 1.4;
+
+/// Add how many times the stated noise readings scatter, where that is another one, by observable, and what follows from it:
+/// a row each for one or two of them, and one for more, whose value is that of the furthest.
+pub fn add_scales(verdicts: &mut Verdicts, scales: &[(&str, f64)], follows: &str) {
+    if scales.len() <= 2 {
+        for (name, scale) in scales {
+            let text =
+                format!("the readings of {name} scatter {} times what was stated; {follows}", short(*scale));
+            verdicts.add("noise-scale", scale, text);
+        }
+        return;
+    }
+    let each: Vec<String> =
+        scales.iter().map(|(name, scale)| format!("those of {name} {} times", short(*scale))).collect();
+    let furthest =
+        scales.iter().map(|(_, scale)| *scale).max_by(|a, b| a.ln().abs().total_cmp(&b.ln().abs()));
+    let text = format!("the readings scatter otherwise than stated, {}; {follows}", each.join(", "));
+    verdicts.add("noise-scale", furthest.unwrap_or(1.0), text);
+}
 
 /// Fewest steps from which a noise can be estimated.
 const FEWEST_STEPS: usize = 8;

@@ -8,7 +8,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::attribute::attribution::MOST;
 use super::hat::Hat;
-use super::noise::{Noise, OTHER_NOISE, check_steps, scale, standard_normal, white_variance};
+use super::noise::{Noise, OTHER_NOISE, add_scales, check_steps, scale, standard_normal, white_variance};
 use super::residual::{gap, spread};
 use super::scatter::{Scatter, scatter};
 use gl_inference::ensemble::Ensemble;
@@ -75,8 +75,16 @@ pub struct Compared<'a> {
     pub after: &'a Calibrated,
 }
 
-/// How far the gap closes from one calibration to another: for each observable of each test, and then for all of all
-/// tests together.
+/// How far the gap closes, of observables and of all of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shrinks {
+    /// Of each observable of each test, and then of all of all tests together, each of them in shares of its range.
+    pub rows: Vec<Shrink>,
+    /// Of all together, each observable in units of its noise and scatter before; none without noise.
+    pub by_noise: Option<Shrink>,
+}
+
+/// How far the gap closes from one calibration to another.
 ///
 /// * `scatter_share` — share of the simulation's own scatter that the measurement has, not negative.
 ///
@@ -90,7 +98,7 @@ pub struct Compared<'a> {
 /// # Errors
 /// If an ensemble has no runs or other steps than the measurement, a run has no weight, an
 /// observable is constant, or there are too few steps to estimate the noise.
-pub fn shrink(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<Vec<Shrink>> {
+pub fn shrink(tests: &[Compared<'_>], scatter_share: f64, seed: u64) -> Result<Shrinks> {
     ensure!(scatter_share >= 0.0, "--scatter {scatter_share}: give a share of at least 0");
     let of = |(place, test): (u64, &Compared<'_>)| {
         // Streams of one seed are the replicates.
@@ -127,21 +135,33 @@ impl Measured {
         }
     }
 
-    fn summarised(&self) -> Vec<Shrink> {
-        let Self { squares, replicates, noise_scales } = self;
-        (0..squares.len())
-            .map(|j| {
-                let mean = |i: usize| replicates.iter().map(|r| r[j][i]).sum::<f64>() / REPLICATES as f64;
-                let means = [0, 1, 2, 3].map(mean);
-                let errors = replicates.iter().map(|replicate| {
-                    // A bias of the gaps is what the floors are for; one of the floors is taken off.
-                    let away = |i: usize| replicate[j][i] - means[i];
-                    [0, 1].map(|i| away(i) - away(2 + i) + (means[2 + i] - squares[j][2 + i]))
-                });
-                let noise_scale = noise_scales.get(j).copied().unwrap_or(1.0);
-                Shrink { noise_scale, ..summarise(squares[j], errors) }
-            })
-            .collect()
+    fn summarised(&self) -> Shrinks {
+        let row = |j: usize| {
+            let noise_scale = self.noise_scales.get(j).copied().unwrap_or(1.0);
+            Shrink { noise_scale, ..self.summary_of(|squares| squares[j]) }
+        };
+        // The last of them is the mean.
+        let observables = self.squares.len() - 1;
+        let floors: Vec<f64> = self.squares[..observables].iter().map(|[_, _, before, _]| *before).collect();
+        let in_noise = |squares: &Squares| {
+            let of = |i: usize| squares.iter().zip(&floors).map(|(square, floor)| square[i] / floor).sum();
+            [0, 1, 2, 3].map(of)
+        };
+        let by_noise = floors.iter().all(|floor| *floor > 0.0).then(|| self.summary_of(in_noise));
+        Shrinks { rows: (0..=observables).map(row).collect(), by_noise }
+    }
+
+    /// What becomes of some squared gaps.
+    fn summary_of(&self, of: impl Fn(&Squares) -> [f64; 4]) -> Shrink {
+        let squares = of(&self.squares);
+        let replicates: Vec<[f64; 4]> = self.replicates.iter().map(of).collect();
+        let means = [0, 1, 2, 3].map(|i| replicates.iter().map(|r| r[i]).sum::<f64>() / REPLICATES as f64);
+        let errors = replicates.iter().map(|replicate| {
+            // A bias of the gaps is what the floors are for; one of the floors is taken off.
+            let away = |i: usize| replicate[i] - means[i];
+            [0, 1].map(|i| away(i) - away(2 + i) + (means[2 + i] - squares[2 + i]))
+        });
+        summarise(squares, errors)
     }
 }
 
@@ -307,10 +327,12 @@ impl Problem {
 /// but where they clearly do otherwise. `runs` is the scatter that the measurement has, too.
 ///
 /// Less, where all that is left is less than noise and scatter would leave by chance; more, where it changes more from step
-/// to step, by second differences, than neither a smooth gap nor a correlated noise does.
+/// to step than by chance, by second differences, as neither a smooth gap nor a correlated noise does.
 fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec<f64>>]) -> Vec<f64> {
-    /// By chance there is as little left in one case of a hundred.
+    /// By chance there is as little left, or it is as rough in one observable, in one case of a hundred.
     const CHANCE: f64 = 0.01;
+    /// Second differences of so many readings tell their variance as well as so many independent squares do.
+    const TOLD_BY_DIFFERENCES: f64 = 18.0 / 35.0;
     let white: Vec<Noise> = stated.iter().map(|sd| Noise { sd: sd.clone(), phi: 0.0 }).collect();
     let left = hat.left(&white);
     let of = |j: usize| {
@@ -325,9 +347,12 @@ fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec
         let less = (square(&gap[j]) / expected.max(1.0)).sqrt();
         let rough = |curve: &[f64]| white_variance(&in_units(curve)).unwrap_or(0.0);
         let more = (rough(&gap[j]) - mean(&rough)).max(0.0).sqrt();
+        let told = TOLD_BY_DIFFERENCES * gap[j].len() as f64;
+        let is_much = ChiSquared::new(told.max(1.0))
+            .is_ok_and(|chi| chi.sf(told * more * more) < CHANCE / stated.len() as f64);
         if is_little && less < 1.0 / OTHER_NOISE {
             less
-        } else if more > OTHER_NOISE {
+        } else if more > OTHER_NOISE && is_much {
             more
         } else {
             1.0
@@ -364,80 +389,77 @@ fn summarise(squares: [f64; 4], errors: impl Iterator<Item = [f64; 2]>) -> Shrin
     }
 }
 
-/// What is to be said of single observables: where the gap closes although all together do not show it, since the noise of
-/// others hides it; and of which the noise was counted otherwise than stated.
-pub fn add_observables(verdicts: &mut Verdicts, shrinks: &[Shrink], observables: &[String]) {
-    let is_open = shrinks.last().is_some_and(|all| all.low <= 0.0);
-    let closing = observables.iter().zip(shrinks).filter(|(_, of)| is_open && of.low > 0.0);
-    for (name, of) in closing {
+/// What is concluded, for people and for programs; `is_unseen` where it is of steps that the calibrations did not see.
+pub fn verdict(shrinks: &Shrinks, observables: &[String], is_unseen: bool) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    let Some((all, own)) = shrinks.rows.split_last() else { return verdicts };
+    let hidden = shrinks.by_noise.as_ref().filter(|by_noise| all.low <= 0.0 && is_hidden(by_noise, own));
+    let seen = if is_unseen { "on the steps that the calibrations did not see " } else { "" };
+    match hidden {
+        Some(by_noise) => add_hidden(&mut verdicts, by_noise, seen),
+        None => add_all(&mut verdicts, all, seen),
+    }
+    for (name, of) in observables.iter().zip(own).filter(|(_, of)| all.low <= 0.0 && of.low > 0.0) {
         let [shrink, low, high] = [of.shrink, of.low, of.high].map(percent);
-        let text = format!("In {name} it closes by {shrink} % ({low} to {high} %).");
-        verdicts.add("closes-in", name, text);
+        verdicts.add("closes-in", name, format!("In {name} it closes by {shrink} % ({low} to {high} %)."));
     }
-    if let Some(closes) = by_noise(&shrinks[..observables.len()]).filter(|closes| is_open && *closes >= MOST)
-    {
-        let text = format!(
-            "With each observable in units of its noise and scatter it closes by {} %: those that are noisy over their range hide it.",
-            percent(closes)
-        );
-        verdicts.add("closes-by-noise", closes, text);
-    }
-    for (name, of) in observables.iter().zip(shrinks).filter(|(_, of)| of.noise_scale != 1.0) {
-        let times = of.noise_scale;
-        let text =
-            format!("The readings of {name} scatter {times:.2} times what was stated; that is no gap.");
-        verdicts.add("noise-scale", times, text);
-    }
+    let scales = observables.iter().map(String::as_str).zip(own.iter().map(|of| of.noise_scale));
+    let others: Vec<(&str, f64)> = scales.filter(|(_, scale)| *scale != 1.0).collect();
+    add_scales(&mut verdicts, &others, "that is no gap");
+    verdicts
 }
 
-/// How far the gap closes where each observable counts in units of its noise and scatter, and not in shares of its range; none
-/// where there is no noise, or no gap in these units.
-fn by_noise(observables: &[Shrink]) -> Option<f64> {
-    let in_units =
-        |gap: f64, floor: f64, of: &Shrink| (gap.powi(2) - floor.powi(2)) / of.floor_before.powi(2);
-    let before: f64 = observables.iter().map(|of| in_units(of.before, of.floor_before, of)).sum();
-    let after: f64 = observables.iter().map(|of| in_units(of.after, of.floor, of)).sum();
-    let closes = 1.0 - after.max(0.0) / before;
-    (before > 0.0 && closes.is_finite()).then_some(closes)
+/// Whether the gap closes by half or more where each observable counts in units of its noise, and in one of them by itself.
+fn is_hidden(by_noise: &Shrink, observables: &[Shrink]) -> bool {
+    by_noise.shrink >= MOST && by_noise.low > 0.0 && observables.iter().any(|of| of.low > 0.0)
+}
+
+/// That the gap closes, and observables that are noisy over their range hide it where each counts as a share of its range.
+fn add_hidden(verdicts: &mut Verdicts, by_noise: &Shrink, seen: &str) {
+    let [shrink, low, high] = [by_noise.shrink, by_noise.low, by_noise.high].map(percent);
+    let text = format!(
+        "{seen}the gap closes by {shrink} % (90 % interval {low} to {high} %), each observable in units of its noise and scatter; as shares of their ranges those that are noisy over it hide it."
+    );
+    verdicts.add("closes-by-noise", by_noise.shrink, capital(&text));
+}
+
+/// How far the gap closes, each observable as a share of its range.
+fn add_all(verdicts: &mut Verdicts, all: &Shrink, seen: &str) {
+    if all.before <= all.floor_before {
+        let [gap, noise] = two_apart(all.before, all.floor_before);
+        let text = format!(
+            "{seen}there was no gap to close: {gap} % of the range, where noise and scatter alone give {noise} %."
+        );
+        verdicts.add("no-gap", all.before, capital(&text));
+        return;
+    }
+    let interval = format!("90 % interval {} to {} %", percent(all.low), percent(all.high));
+    let closes = percent(all.shrink.abs());
+    let (code, text) = if all.shrink < 0.0 {
+        ("grows", format!("{seen}the gap has grown by {closes} % ({interval} of shrinking)."))
+    } else if all.low <= 0.0 {
+        let text = format!("{seen}the gap closes by {closes} % ({interval}). It may not have closed at all.");
+        ("may-not-close", text)
+    } else {
+        ("closes", format!("{seen}the gap closes by {closes} % ({interval})."))
+    };
+    verdicts.add(code, all.shrink, capital(&text));
+}
+
+/// With a capital.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| format!("{}{}", first.to_uppercase(), letters.as_str()))
 }
 
 fn percent(share: f64) -> String {
     format!("{:.0}", 100.0 * share)
 }
 
-/// What is concluded, for people and for programs; `is_unseen` where it is of steps that the calibrations did not see.
-pub fn verdict(all: &Shrink, is_unseen: bool) -> Verdicts {
-    let (the, there) = match is_unseen {
-        true => (
-            "On the steps that the calibrations did not see the",
-            "On the steps that the calibrations did not see there",
-        ),
-        false => ("The", "There"),
-    };
-    let mut verdicts = Verdicts::default();
-    if all.before <= all.floor_before {
-        verdicts.add(
-            "no-gap",
-            all.before,
-            format!(
-                "{there} was no gap to close: {} % of the range, where noise and scatter alone give {} %.",
-                percent(all.before),
-                percent(all.floor_before)
-            ),
-        );
-        return verdicts;
-    }
-    let interval = format!("90 % interval {} to {} %", percent(all.low), percent(all.high));
-    if all.shrink < 0.0 {
-        let text = format!("{the} gap has grown by {} % ({interval} of shrinking).", percent(-all.shrink));
-        verdicts.add("grows", all.shrink, text);
-        return verdicts;
-    }
-    let (code, doubt) =
-        if all.low <= 0.0 { ("may-not-close", " It may not have closed at all.") } else { ("closes", "") };
-    let text = format!("{the} gap closes by {} % ({interval}).{doubt}", percent(all.shrink));
-    verdicts.add(code, all.shrink, text);
-    verdicts
+/// Two shares in per cent, with as many digits as tell them apart, up to three.
+fn two_apart(a: f64, b: f64) -> [String; 2] {
+    let with = |digits: usize| [a, b].map(|share| format!("{:.digits$}", 100.0 * share));
+    (0..3).map(with).find(|[a, b]| a != b).unwrap_or_else(|| with(3))
 }
 
 /// Add whether the gap closed otherwise than was foretold, by the ends of both intervals: then either the emulator or the box
@@ -495,27 +517,35 @@ mod tests {
 
     #[test]
     fn an_observable_that_is_noisy_over_its_range_does_not_hide_that_the_gap_closes_in_units_of_noise() {
-        let of = |before: f64, after: f64, floor: f64, [low, shrink]: [f64; 2]| Shrink {
-            before,
-            after,
-            floor_before: floor,
-            floor,
-            shrink,
-            low,
-            high: 1.0,
-            noise_scale: 1.0,
-        };
         let said = |first_after: f64| {
-            let first = of(0.0043, first_after, 0.0016, [0.97, 1.0]);
-            let noisy = of(0.0153, 0.0169, 0.0123, [-1.0, -0.64]);
-            let all = of(0.0112, 0.012, 0.0088, [-1.0, -0.38]);
-            let mut verdicts = Verdicts::default();
-            add_observables(&mut verdicts, &[first, noisy, all], &["F", "h"].map(str::to_owned));
-            verdicts.find("closes-by-noise").map(|said| said.value.parse::<f64>().unwrap())
+            let squared = |gaps: [f64; 4]| gaps.map(|gap| gap * gap);
+            let first = squared([0.0043, first_after, 0.0016, 0.0016]);
+            let noisy = squared([0.0153, 0.0169, 0.0123, 0.0123]);
+            let replicate = |number: usize| {
+                let away = if number.is_multiple_of(2) { noisy[2] } else { -noisy[2] };
+                with_mean(vec![first, [noisy[0] + away, noisy[1] - away, noisy[2], noisy[3]]])
+            };
+            let shrinks = Measured {
+                squares: with_mean(vec![first, noisy]),
+                replicates: (0..REPLICATES).map(replicate).collect(),
+                noise_scales: vec![1.0; 2],
+            };
+            verdict(&shrinks.summarised(), &["F", "h"].map(str::to_owned), false).rows
         };
+        let [by_noise, closes_in] = &said(0.0016)[..] else { panic!("{:?}", said(0.0016)) };
+        assert_eq!([&by_noise.code, &closes_in.code], ["closes-by-noise", "closes-in"]);
         // (0.0043² − 0.0016²) / 0.0016² and (0.0153² − 0.0123²) / 0.0123² of the gap before, and so on after.
-        assert!((said(0.0016).unwrap() - (1.0 - 0.8878 / 6.7700)).abs() < 1e-3, "{:?}", said(0.0016));
-        assert_eq!(said(0.004), None);
+        let closes: f64 = by_noise.value.parse().unwrap();
+        assert!((closes - (1.0 - 0.8878 / 6.7700)).abs() < 1e-3, "{closes}");
+        assert!(by_noise.text.starts_with("The gap closes by 87 % (90 % interval "), "{}", by_noise.text);
+        assert_eq!(said(0.004)[0].code, "grows");
+    }
+
+    #[test]
+    fn two_shares_have_as_many_digits_as_tell_them_apart() {
+        assert_eq!(two_apart(0.021, 0.034), ["2", "3"]);
+        assert_eq!(two_apart(0.0212, 0.0234), ["2.1", "2.3"]);
+        assert_eq!(two_apart(0.02, 0.02), ["2.000", "2.000"]);
     }
 
     /// Observations and two calibrations that miss them by `before` and `after`.
@@ -644,7 +674,7 @@ mod tests {
             before: &before,
             after: &after,
         };
-        let all = shrink(&[compared], 1.0, 1).unwrap().pop().unwrap();
+        let all = shrink(&[compared], 1.0, 1).unwrap().rows.pop().unwrap();
         (all, 1.0 - left_after / left_before)
     }
 
@@ -678,7 +708,7 @@ mod tests {
     fn shrinks(pair: &Pair, known: bool) -> Vec<Shrink> {
         let Pair { observations, before, after, noise_sd } = pair;
         let noise_sd = known.then_some(noise_sd.as_slice());
-        shrink(&[Compared { observations, noise_sd, unseen: None, before, after }], 1.0, 1).unwrap()
+        shrink(&[Compared { observations, noise_sd, unseen: None, before, after }], 1.0, 1).unwrap().rows
     }
 
     /// How far the gap truly shrinks: what calibrations against measurements without noise leave.
@@ -737,7 +767,8 @@ mod tests {
         assert!(all.low <= -0.9 && all.high == 1.0, "{all:?}");
         let none = summarise([1.0, 0.5, 1.5, 1.5], std::iter::repeat_n([0.1, 0.1], REPLICATES));
         assert_eq!((none.shrink, none.low, none.high), (0.0, -1.0, 1.0));
-        assert_eq!(verdict(&none, false).rows[0].code, "no-gap");
+        let shrinks = Shrinks { rows: vec![none, none], by_noise: None };
+        assert_eq!(verdict(&shrinks, &["y".to_owned()], false).rows[0].code, "no-gap");
     }
 
     #[test]

@@ -182,12 +182,30 @@ pub fn range(values: &[f64]) -> f64 {
 
 /// Numbers by name, as in `n=0.01,q=2`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct ByName(pub Vec<(String, f64)>);
+pub struct ByName(Vec<(String, f64)>);
 
 impl ByName {
     /// The number given for `name`.
     pub fn get(&self, name: &str) -> Option<f64> {
-        self.0.iter().find(|(other, _)| other == name).map(|&(_, value)| value)
+        self.iter().find(|(other, _)| *other == name).map(|(_, value)| value)
+    }
+
+    /// Names and numbers, in the order in which they were given.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.0.iter().map(|(name, value)| (name.as_str(), *value))
+    }
+
+    /// Names, in that order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.iter().map(|(name, _)| name)
+    }
+
+    /// Make the number of `name` so much larger; it is 0 where none was given.
+    pub fn add(&mut self, name: &str, value: f64) {
+        match self.0.iter_mut().find(|(other, _)| other == name) {
+            Some((_, known)) => *known += value,
+            None => self.0.push((name.to_owned(), value)),
+        }
     }
 
     /// Whether nothing was given.
@@ -200,8 +218,12 @@ impl ByName {
     /// # Errors
     /// If one is not; `flag` says in the message where it was given.
     pub fn check_names(&self, names: &[String], flag: &str) -> Result<()> {
-        for (name, _) in &self.0 {
-            ensure!(names.contains(name), "{flag} {name}: no such observable; they are {}", names.join(", "));
+        for name in self.names() {
+            ensure!(
+                names.iter().any(|known| known == name),
+                "{flag} {name}: no such observable; they are {}",
+                names.join(", ")
+            );
         }
         Ok(())
     }
@@ -215,9 +237,9 @@ impl FromIterator<(String, f64)> for ByName {
 
 impl fmt::Display for ByName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (place, (name, value)) in self.0.iter().enumerate() {
+        for (place, (name, value)) in self.iter().enumerate() {
             let comma = if place > 0 { "," } else { "" };
-            let is_plain = *value == 0.0 || (1e-5..1e16).contains(&value.abs());
+            let is_plain = value == 0.0 || (1e-5..1e16).contains(&value.abs());
             let value = if is_plain { value.to_string() } else { format!("{value:e}") };
             write!(f, "{comma}{name}={value}")?;
         }

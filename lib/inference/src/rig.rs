@@ -221,6 +221,18 @@ impl Rig {
         Ok(())
     }
 
+    /// Add an error of a case to the rig of one of its tests, by the name that it has in the case; says whether it is of that
+    /// test.
+    ///
+    /// # Errors
+    /// As of [`Rig::add`].
+    pub fn add_if_of(&mut self, test: &str, name: &str, size: f64) -> Result<bool> {
+        match own_name(name, test) {
+            Some(own) => self.add(&own, size).map(|()| true),
+            None => Ok(false),
+        }
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -259,7 +271,7 @@ impl Rig {
 
 /// The name of an error in its own test: that of `offset(tx100.q)` is `offset(q)` in the test tx100, that of `lag(tx100)` is
 /// `lag`; none in another test. Where tests have no names it is the same.
-pub fn own_name(error: &str, test: &str) -> Option<String> {
+fn own_name(error: &str, test: &str) -> Option<String> {
     if test.is_empty() {
         return Some(error.to_owned());
     }

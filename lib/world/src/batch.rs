@@ -166,7 +166,7 @@ pub fn write_curve(
 ) -> Result<()> {
     let names: Vec<String> = world.observables().iter().map(|&name| name.to_owned()).collect();
     noise.check_names(&names, "--noise")?;
-    if let Some((name, sd)) = noise.0.iter().find(|(_, sd)| *sd < 0.0) {
+    if let Some((name, sd)) = noise.iter().find(|(_, sd)| *sd < 0.0) {
         bail!("--noise {name}={sd}: a standard deviation cannot be negative");
     }
     let mut curves = simulate(world, &inputs(world, given)?)?;

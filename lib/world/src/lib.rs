@@ -129,11 +129,11 @@ pub fn simulate(world: &dyn World, inputs: &[f64]) -> Result<Curves> {
 /// # Errors
 /// If the world does not know a name.
 pub fn inputs(world: &dyn World, given: &ByName) -> Result<Vec<f64>> {
-    let names: Vec<String> = given.0.iter().map(|(name, _)| name.clone()).collect();
+    let names: Vec<String> = given.names().map(str::to_owned).collect();
     let places = places(world, &names)?;
     let mut inputs: Vec<f64> = world.inputs().iter().map(|input| input.default).collect();
-    for (place, (_, value)) in places.into_iter().zip(&given.0) {
-        inputs[place] = *value;
+    for (place, (_, value)) in places.into_iter().zip(given.iter()) {
+        inputs[place] = value;
     }
     Ok(inputs)
 }

@@ -381,16 +381,15 @@ fn write_rig(
 ) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &["error", "size", "sd"])?;
     for (error, Marginal { mean, sd, .. }) in errors_of_the_rig(problem, diagnosis.first()) {
-        let unit = problem.unit_of(error);
         if error.kind != Kind::Drift {
-            table.text(&error.name).numbers(&[unit * mean, unit * sd]).end_row()?;
+            table.text(&error.name).numbers(&[mean, sd]).end_row()?;
             continue;
         }
         // What is known of a drift is what it made of the steps that were looked at.
         let (test, from) = tests[error.test];
         let travelled = whole[error.test].travelled();
         let (before, at_end) = (travelled[from], travelled[from + test.steps() - 1]);
-        let unit = unit / (at_end - before);
+        let unit = 1.0 / (at_end - before);
         table.text(&error.name).numbers(&[unit * mean, unit * sd]).end_row()?;
         if before > 0.0 {
             let since = -unit * before;

@@ -8,7 +8,7 @@ use anyhow::{Context, Error, Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement, Outliers, Part, ensembles_and_weights};
 use gl_gap::locate::named;
-use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_foretold, add_observables, shrink, verdict};
+use gl_gap::shrink::{COLUMNS, Calibrated, Compared, Shrink, add_foretold, shrink, verdict};
 use gl_inference::observations::Steps;
 use gl_inference::weights::Weights;
 use gl_table::{Table, TableWriter};
@@ -154,14 +154,13 @@ fn run(args: &Args) -> Result<()> {
         })
         .collect();
     let shrinks = shrink(&compared, args.scatter, args.seed)?;
-    let mut verdicts = shrinks.last().map(|all| verdict(all, args.calibrated.is_some())).unwrap_or_default();
+    let mut verdicts = verdict(&shrinks, &names, args.calibrated.is_some());
     let foretold = args.foretold.as_ref().map(|table| Table::read(table)?.rows::<Foretold>()).transpose()?;
-    if let (Some(all), Some(foretold)) = (shrinks.last(), foretold.iter().flatten().next()) {
+    if let (Some(all), Some(foretold)) = (shrinks.rows.last(), foretold.iter().flatten().next()) {
         add_foretold(&mut verdicts, all, (foretold.shrink_low, foretold.shrink_high));
     }
-    add_observables(&mut verdicts, &shrinks, &names);
     gl_cli::conclude("gl-gap-shrink", &verdicts, args.verdict.as_deref(), || {
-        write(args.output.as_deref(), &shrinks, &names)
+        write(args.output.as_deref(), &shrinks.rows, &names)
     })
 }
 

@@ -243,9 +243,9 @@ pub fn within(support: Span, values: &[f64], weights: &[f64]) -> (Vec<f64>, Vec<
 /// # Errors
 /// If one is not.
 pub fn check_truth(truth: &ByName, parameters: &[String]) -> Result<()> {
-    for (name, _) in &truth.0 {
+    for name in truth.names() {
         ensure!(
-            parameters.contains(name),
+            parameters.iter().any(|known| known == name),
             "--truth {name}: no such parameter; they are {}",
             parameters.join(", ")
         );

@@ -281,16 +281,16 @@ fn planned(args: &Args) -> Result<Vec<(&Plan, Ensemble, Vec<f64>)>> {
             "--plan {}: given twice",
             plan.name
         );
-        for (name, sd) in &plan.noise.0 {
+        for (name, sd) in plan.noise.iter() {
             ensure!(
-                *sd > 0.0,
+                sd > 0.0,
                 "--plan {}: the noise of {name} is {sd}; give its standard deviation",
                 plan.name
             );
         }
-        let names: Vec<String> = plan.noise.0.iter().map(|(name, _)| name.clone()).collect();
+        let names: Vec<String> = plan.noise.names().map(str::to_owned).collect();
         let ensemble = Ensemble::read_by_header(&plan.ensemble, None, &names)?;
-        let noise = plan.noise.0.iter().flat_map(|(_, sd)| vec![*sd; ensemble.steps()]).collect();
+        let noise = plan.noise.iter().flat_map(|(_, sd)| vec![sd; ensemble.steps()]).collect();
         Ok((ensemble, noise))
     };
     let with = |(i, plan)| of((i, plan)).map(|(ensemble, noise)| (plan, ensemble, noise));

@@ -22,7 +22,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::path::short;
 use gl_inference::prior::{Parameter, Prior};
-use gl_inference::rig::{Rig, own_name};
+use gl_inference::rig::Rig;
 use gl_inference::samples::Samples;
 use gl_table::Table;
 use gl_table::verdict::Verdicts;
@@ -544,10 +544,8 @@ impl Diagnosis<'_> {
 /// The runs of a test as the rig of a winner would have recorded them, in the place of those in a table.
 fn record(test: &Test, winner: &Winner, table: &Path) -> Result<()> {
     let mut rig = Rig::default();
-    for (error, size) in &winner.rig.0 {
-        if let Some(own) = own_name(error, &test.name) {
-            rig.add(&own, *size)?;
-        }
+    for (error, size) in winner.rig.iter() {
+        rig.add_if_of(&test.name, error, size)?;
     }
     if rig.is_empty() {
         return Ok(());

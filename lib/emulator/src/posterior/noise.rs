@@ -58,14 +58,18 @@ pub struct ChiSquare {
     pub degrees: f64,
     /// Probability of a larger one.
     pub p: f64,
+    /// Probability of a smaller one, to the last digit where it is small.
+    pub p_of_less: f64,
 }
 
 impl ChiSquare {
     /// * `taken` — parameters that the measurement decides.
     pub fn new(fit: Fit, readings: usize, taken: f64) -> Self {
         let degrees = (readings as f64 - taken).max(1.0);
-        let p = ChiSquared::new(degrees).map_or(1.0, |law| law.sf(fit.square));
-        Self { value: fit.square, degrees, p }
+        let law = ChiSquared::new(degrees);
+        let p = law.as_ref().map_or(1.0, |law| law.sf(fit.square));
+        let p_of_less = law.map_or(1.0, |law| law.cdf(fit.square));
+        Self { value: fit.square, degrees, p, p_of_less }
     }
 
     /// Whether the fit is worse than the noise allows.
@@ -75,7 +79,7 @@ impl ChiSquare {
 
     /// Whether it is better.
     pub fn is_better(self) -> bool {
-        self.p > 1.0 - UNLIKELY
+        self.p_of_less < UNLIKELY
     }
 }
 

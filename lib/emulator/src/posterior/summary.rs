@@ -248,7 +248,7 @@ impl Inference {
                 format!("what the best fit leaves {}", alternation(correlation)),
             );
         }
-        if let Some(ChiSquare { value, degrees, p }) = self.chi_square.filter(|test| test.is_worse()) {
+        if let Some(ChiSquare { value, degrees, p, .. }) = self.chi_square.filter(|test| test.is_worse()) {
             let factor = self.variance().sqrt();
             let what = if self.nuisances.inflation {
                 format!("it is counted {factor:.2} times as large")
@@ -267,7 +267,7 @@ impl Inference {
         }
         // A model that misses, followed by noise that is correlated, fits better than white noise would.
         let is_white = !self.correlated.contains(&true);
-        if let Some(ChiSquare { value, degrees, p }) =
+        if let Some(ChiSquare { value, degrees, p_of_less, .. }) =
             self.chi_square.filter(|test| test.is_better() && is_white)
         {
             verdicts.add(
@@ -276,7 +276,7 @@ impl Inference {
                 format!(
                     "the best fit is better than the noise explains (χ² {value:.0} on {degrees:.0} degrees of freedom, \
                      probability {}); is the noise smaller than stated?",
-                    said(1.0 - p)
+                    said(p_of_less)
                 ),
             );
         }

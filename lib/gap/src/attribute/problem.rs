@@ -225,8 +225,15 @@ impl<'a> Problem<'a> {
 
     /// How large an error of the measurement is, in words: what it makes of an observable or of the control, in its unit.
     ///
-    /// * `size` — its mean and its standard deviation.
+    /// * `size` — its mean and its standard deviation, in the units of its kind.
     pub fn told_size(&self, effect: &MeasurementEffect, size: (f64, f64)) -> String {
+        let (times, unit) = self.told_in(effect);
+        format!("{} = {} ± {}{unit}", effect.name, short(times * size.0), short(times * size.1))
+    }
+
+    /// What a size of an error of the measurement is told in: how many of it a unit of its kind has, and how it is called behind
+    /// a number.
+    pub fn told_in(&self, effect: &MeasurementEffect) -> (f64, String) {
         let test = &self.tests[effect.test];
         let behind = |unit: Option<&str>| unit.map_or_else(String::new, |unit| format!(" {unit}"));
         let of = self.observable_units[test.observables.start + effect.observable].as_deref();
@@ -240,8 +247,7 @@ impl<'a> Problem<'a> {
                 of_control.zip(of).map_or_else(String::new, |(way, load)| format!(" {way}/{load}"))
             }
         };
-        let times = self.unit_of(effect) * if effect.kind == Kind::Gain { 100.0 } else { 1.0 };
-        format!("{} = {} ± {}{unit}", effect.name, short(times * size.0), short(times * size.1))
+        (if effect.kind == Kind::Gain { 100.0 } else { 1.0 }, unit)
     }
 
     /// What a size of 1 of an error of the measurement is in the units of its kind.

@@ -67,6 +67,9 @@ pub fn verdict(
         ));
     }
     unseen::add_untried(&mut verdicts, problem, diagnosis);
+    if diagnosis.first().is_cause() {
+        rivals::add_ahead(&mut verdicts, problem, diagnosis);
+    }
     rivals::add_told(&mut verdicts, problem, diagnosis);
     rivals::add(&mut verdicts, problem, diagnosis)?;
     unseen::add_hidden(&mut verdicts, problem, diagnosis);

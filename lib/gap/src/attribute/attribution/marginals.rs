@@ -8,7 +8,8 @@ use crate::attribute::problem::measurement::MeasurementEffect;
 use gl_inference::summary::leaning;
 use gl_numeric::statistics::{Quantiles, mean, sd};
 
-/// The posterior of one parameter, or of the size of an effect of the measurement as a share of the range.
+/// The posterior of one parameter, or of the size of an error of the measurement in the units of its kind, as a
+/// [`Rig`](gl_inference::rig::Rig) has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marginal {
     /// Its name; an effect of the measurement is its own parameter.
@@ -40,7 +41,8 @@ pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Margin
                 (parameter.name.clone(), values, leaning(centre, spread, (0.0, 1.0)))
             }
             Meaning::Size(effect) => {
-                let sizes = evidence.samples.iter().map(|sample| effect.size(sample[place])).collect();
+                let unit = problem.unit_of(effect);
+                let sizes = evidence.samples.iter().map(|sample| unit * effect.size(sample[place])).collect();
                 (effect.name.clone(), sizes, 0)
             }
         };

@@ -22,8 +22,9 @@ const CLOSE_TOGETHER: [(f64, f64); 3] = [(0.35, 0.0), (0.7, 0.5), (1.0, 1.0)];
 
 /// The same of an error of the measurement, and of several. Its form is known to the last digit, and so plain, a constant or a
 /// proportion, that nearly anything unknown has a part of it: an adhesion that is no candidate is an offset and a rest, of which
-/// the offset closes two thirds to nine tenths.
-const CLOSES_OF_THE_RIG: [(f64, f64); 2] = [(0.8, 0.0), (0.9, 1.0)];
+/// the offset closes two thirds to nine tenths. So does a right one beside a remainder as large as itself: that it is one is
+/// nearly as likely then, and only a check of the rig tells.
+const CLOSES_OF_THE_RIG: [(f64, f64); 4] = [(0.6, 0.0), (0.65, 0.4), (0.84, 0.4), (0.9, 1.0)];
 const CLOSE_TOGETHER_OF_THE_RIG: [(f64, f64); 2] = [(0.85, 0.0), (1.0, 1.0)];
 
 /// ln odds that effects lose beside something else that is at work, too, by the share of the gap that they close by
@@ -69,7 +70,7 @@ fn along(points: &[(f64, f64)], x: f64) -> f64 {
 impl Explanation {
     /// What is kept of its probability beside something else, by the share of the gap that it closes.
     fn kept(&self) -> f64 {
-        let (of_any, of_the_rig) = match self.hypothesis.len() {
+        let (of_any, of_the_rig): (&[_], &[_]) = match self.hypothesis.len() {
             0 | 1 => (&CLOSES, &CLOSES_OF_THE_RIG),
             _ => (&CLOSE_TOGETHER, &CLOSE_TOGETHER_OF_THE_RIG),
         };
@@ -96,7 +97,8 @@ impl Explanation {
     }
 
     /// Whether something unknown alone is no rival to it: it needs no rest, closes nearly all beside one, or is well ahead. An
-    /// error of the measurement may be well ahead and a part of something unknown.
+    /// error of the measurement may be well ahead and a part of something unknown. What holds only with a base model that was not
+    /// believed has to be well ahead.
     pub fn is_clear_of(&self, unknown: &Self) -> bool {
         let is_well_ahead = || !self.is_of_the_rig && self.ahead_of(unknown) > BEHIND;
         let leaves_nothing = if self.has_rest {
@@ -104,7 +106,12 @@ impl Explanation {
         } else {
             !self.has_noise_for_a_rest(unknown)
         };
-        leaves_nothing || is_well_ahead()
+        !self.is_near_beyond_belief(unknown) && (leaves_nothing || is_well_ahead())
+    }
+
+    /// Whether it holds only with a base model beyond what was believed of it, and something unknown is not far behind.
+    pub fn is_near_beyond_belief(&self, unknown: &Self) -> bool {
+        self.beyond >= 0.5 && self.ln_weight - unknown.ln_weight <= BEHIND
     }
 
     /// Whether it does without a rest by more noise than was stated, and than something unknown needs: such a noise may be a
@@ -401,8 +408,10 @@ mod tests {
             let hypothesis = (0..effects).collect();
             Explanation { hypothesis, closes, is_of_the_rig: true, ..any.clone() }.kept()
         };
-        assert_eq!([0.5, 0.8, 0.9].map(|closes| kept(1, closes)), [0.0, 0.0, 1.0]);
-        assert!((kept(1, 0.85) - 0.5).abs() < 1e-12 && (kept(2, 0.925) - 0.5).abs() < 1e-12);
+        assert_eq!([0.5, 0.6, 0.9].map(|closes| kept(1, closes)), [0.0, 0.0, 1.0]);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        assert!(near(kept(1, 0.65), 0.4) && near(kept(1, 0.84), 0.4) && near(kept(1, 0.87), 0.7));
+        assert!(near(kept(2, 0.925), 0.5));
         assert_eq!([0.85, 1.0].map(|closes| kept(2, closes)), [0.0, 1.0]);
     }
 
@@ -508,6 +517,17 @@ mod tests {
         // An error of the measurement is a part of it, however far ahead.
         assert!(!is_clear_if(true, "wave+unexplained", 0.8, 11.0));
         assert!(is_clear_if(true, "wave+unexplained", 0.9, 1.0));
+    }
+
+    #[test]
+    fn what_holds_only_beyond_what_was_believed_is_clear_of_something_unknown_where_it_is_well_ahead() {
+        let is_clear = |beyond: f64, ahead: f64| {
+            let [mut of, mut unknown] = as_likely([("wave", 0.9), ("unexplained", 0.1)]);
+            (of.closes, of.ln_weight, unknown.ln_weight) = (1.0, ahead, 0.0);
+            (of.beyond, of.noise_scale) = (beyond, 1.0);
+            of.is_clear_of(&unknown)
+        };
+        assert!(is_clear(0.1, 1.0) && !is_clear(0.9, 9.0) && is_clear(0.9, 11.0));
     }
 
     #[test]

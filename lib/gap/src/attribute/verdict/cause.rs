@@ -197,13 +197,18 @@ fn add_effects(
         )
     } else if first.has_rest {
         format!(
-            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}",
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}{}",
             percent(first.closes),
             if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
-            rest::places(problem, first)
+            rest::places(problem, first),
+            beyond_belief(diagnosis)
         )
     } else {
-        format!("{effects} {explains} it: probability {probability:.2}{}", by_noise(diagnosis))
+        format!(
+            "{effects} {explains} it: probability {probability:.2}{}{}",
+            by_noise(diagnosis),
+            beyond_belief(diagnosis)
+        )
     };
     verdicts.add(code, &effects, text);
     let closes = shrink(problem, base, first, seed)?;
@@ -211,25 +216,16 @@ fn add_effects(
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
     // An observable that is noisy over its range counts for less in units of its noise.
     let is_another = (closes.median - first.closes).abs() > ANOTHER;
-    let in_ranges = if first.outliers.is_empty() {
-        ", each observable as a share of its range"
-    } else {
-        ", each observable as a share of its range, without what looks like outliers"
-    };
-    let units = match (is_another, first.has_rest) {
-        (false, _) => String::new(),
-        (true, true) => format!("{in_ranges}; above, in units of its noise"),
-        (true, false) => format!("{in_ranges}; {} % in units of its noise", percent(first.closes)),
-    };
-    verdicts.add(
-        "closes",
-        closes.median,
+    let [in_ranges, by_noise] = [percent(closes.median), percent(first.closes)];
+    let outliers = if first.outliers.is_empty() { "" } else { ", without what looks like outliers" };
+    let how_far = if is_another {
         format!(
-            "{} should close {} %{interval} of the gap{units}",
-            adding(problem, first),
-            percent(closes.median)
-        ),
-    );
+            "{by_noise} % of the gap with each observable in units of its noise, and {in_ranges} %{interval} of it as shares of their ranges{outliers}"
+        )
+    } else {
+        format!("{in_ranges} %{interval} of the gap")
+    };
+    verdicts.add("closes", closes.median, format!("{} should close {how_far}", adding(problem, first)));
     add_errors_of_the_rig(verdicts, problem, first, is_settled);
     if base_fits(problem, diagnosis) {
         verdicts.add("base-fits", &effects, format!(
@@ -247,6 +243,9 @@ fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
     let named = |of: &[usize]| name(of, &problem.candidates);
     match (effects.is_empty(), errors.is_empty()) {
         (_, true) => "adding it".to_owned(),
+        (true, false) if errors.iter().any(|&error| problem.candidates[error].is_of_control()) => {
+            "runs that have it".to_owned()
+        }
         (true, false) => "taking it out of the measurement".to_owned(),
         (false, false) => {
             format!("adding {}, and taking {} out of the measurement,", named(&effects), named(&errors))
@@ -264,6 +263,17 @@ fn by_noise(diagnosis: &Diagnosis) -> String {
             short(unknown.noise_scale)
         ),
         None => String::new(),
+    }
+}
+
+/// That what comes first needs a base model that was not believed, and is not well ahead by it.
+fn beyond_belief(diagnosis: &Diagnosis) -> &'static str {
+    let first = diagnosis.first();
+    let is_near = diagnosis.attribution.unknown().is_some_and(|unknown| first.is_near_beyond_belief(unknown));
+    if is_near {
+        "; but with a base model beyond what was believed of it, and something unknown is not far behind"
+    } else {
+        ""
     }
 }
 
@@ -289,8 +299,14 @@ fn add_errors_of_the_rig(
         (false, false) => "would be errors",
     };
     let them = if is_one { "it" } else { "them" };
+    // What reading there would have been at another control, nobody measured.
+    let correct = if errors.iter().any(|(error, _)| error.kind.is_of_control()) {
+        String::new()
+    } else {
+        format!("correct the measurement for {them}, or ")
+    };
     verdicts.add("rig", names.join(","), format!(
-        "{} {are} of the rig, which no simulation makes: correct the measurement for {them}, or calibrate with {them} as rig in case.toml (gl-collect --rig)",
+        "{} {are} of the rig, which no simulation makes: {correct}calibrate with {them} as rig in case.toml (gl-collect --rig)",
         sizes.join(" and ")
     ));
 }
@@ -329,7 +345,10 @@ mod tests {
         let kinds = [Kind::Offset, Kind::Drift, Kind::Gain, Kind::Lag, Kind::Compliance];
         let told = MeasurementEffect::all(&kinds, &["y".to_owned()])
             .iter()
-            .map(|error| problem.told_size(error, (0.1, 0.02)))
+            .map(|error| {
+                let unit = problem.unit_of(error);
+                problem.told_size(error, (0.1 * unit, 0.02 * unit))
+            })
             .collect::<Vec<_>>();
         // The control goes from 0 to 1.
         let range = problem.ranges[0];
@@ -500,8 +519,8 @@ mod tests {
             verdicts.find("closes").unwrap().text.clone()
         };
         assert_eq!(said(0.97), "adding it should close 100 % (99 to 100 %) of the gap");
-        let units = ", each observable as a share of its range; 60 % in units of its noise";
-        assert_eq!(said(0.6), format!("adding it should close 100 % (99 to 100 %) of the gap{units}"));
+        let expected = "adding it should close 60 % of the gap with each observable in units of its noise, and 100 % (99 to 100 %) of it as shares of their ranges";
+        assert_eq!(said(0.6), expected);
     }
 
     #[test]

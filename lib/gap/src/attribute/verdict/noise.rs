@@ -4,7 +4,7 @@ use gl_table::verdict::Verdicts;
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::problem::Problem;
-use crate::noise::OTHER_NOISE;
+use crate::noise::{OTHER_NOISE, add_scales};
 use gl_inference::path::short;
 
 /// Above this correlation from one reading to the next the noise is said to be correlated.
@@ -13,18 +13,13 @@ const CORRELATED: f64 = 0.35;
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let nuisances = first.model(problem).nuisances(first.best());
+    let scales = problem.observables.iter().map(String::as_str).zip(nuisances.scales.iter().copied());
+    let is_another = |&(_, scale): &(&str, f64)| {
+        problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale)
+    };
+    let others: Vec<(&str, f64)> = scales.filter(is_another).collect();
+    add_scales(verdicts, &others, "the verdict is by what they do");
     for (j, name) in problem.observables.iter().enumerate() {
-        let scale = nuisances.scales[j];
-        if problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale) {
-            verdicts.add(
-                "noise-scale",
-                scale,
-                format!(
-                    "the readings of {name} scatter {} times what was stated; the verdict is by what they do",
-                    short(scale)
-                ),
-            );
-        }
         if nuisances.phi[j] > CORRELATED {
             verdicts.add(
                 "noise-correlation",

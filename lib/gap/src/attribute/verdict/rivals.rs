@@ -11,6 +11,7 @@ use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{is_part, name};
 use crate::attribute::settled::SETTLED;
+use gl_inference::path::short;
 
 /// Which tests tell the cause from the nearest other one.
 pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
@@ -38,6 +39,35 @@ pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis
     }
     let names: Vec<&str> = by.iter().map(|told| told.test.as_str()).collect();
     verdicts.add("told-by", names.join(","), text);
+}
+
+/// How much likelier effects are than the nearest other cause, and than something unknown alone: probabilities near one do not
+/// show it, since the same effects with another one, or a rest, are what they leave room for.
+pub(super) fn add_ahead(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let (first, explanations) = (diagnosis.first(), &diagnosis.attribution.explanations);
+    let is_other = |of: &&Explanation| {
+        of.is_cause() && of.hypothesis != first.hypothesis && !is_part(&first.hypothesis, &of.hypothesis)
+    };
+    let other = explanations.iter().filter(is_other).max_by(|a, b| a.evidence.ln.total_cmp(&b.evidence.ln));
+    let than = |of: &Explanation, as_what: String| {
+        let ln = first.evidence.ln - of.evidence.ln;
+        match ln.exp() {
+            ..1.5 => None,
+            times @ ..1e3 => Some(format!("{} times as likely as {as_what}", short(times))),
+            _ => Some(format!("e^{ln:.0} times as likely as {as_what}")),
+        }
+    };
+    let effects = name(&first.hypothesis, &problem.candidates);
+    let other = other.and_then(|of| {
+        than(of, format!("with {}, the nearest other cause", name(&of.hypothesis, &problem.candidates)))
+    });
+    let unknown =
+        diagnosis.attribution.unknown().and_then(|of| than(of, "with something unknown alone".to_owned()));
+    let than: Vec<String> = other.into_iter().chain(unknown).collect();
+    if !than.is_empty() {
+        let text = format!("with {effects} the measurement is {}", than.join(", and "));
+        verdicts.add("ahead", &effects, text);
+    }
 }
 
 /// What comes next, what cannot be told from the first, and what would tell them apart.
@@ -157,5 +187,38 @@ mod tests {
         add(&mut verdicts, &problem, &diagnosis).unwrap();
         let effort = verdicts.find("effort").unwrap();
         assert!(effort.text.contains("would tell wave from none"), "{}", effort.text);
+    }
+
+    #[test]
+    fn how_much_likelier_than_the_nearest_other_cause_effects_are_is_said_however_near_one_their_probability_is()
+     {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let said = |ahead: [f64; 2], diagnosis: &mut Diagnosis| {
+            let first = diagnosis.first().evidence.ln;
+            for of in &mut diagnosis.attribution.explanations {
+                match of.name.as_str() {
+                    "offset(y)" => of.evidence.ln = first - ahead[0],
+                    "unexplained" => of.evidence.ln = first - ahead[1],
+                    _ if of.name.contains("offset(y)") => of.evidence.ln = first - 900.0,
+                    _ => {}
+                }
+            }
+            let mut verdicts = Verdicts::default();
+            add_ahead(&mut verdicts, &problem, diagnosis);
+            verdicts.rows.first().map(|row| row.text.clone())
+        };
+        assert_eq!(diagnosis.first().name, "wave");
+        assert_eq!(
+            said([170.0, 4f64.ln()], &mut diagnosis).unwrap(),
+            "with wave the measurement is e^170 times as likely as with offset(y), the nearest other cause, and 4 times as likely as with something unknown alone"
+        );
+        assert_eq!(
+            said([0.1, 4f64.ln()], &mut diagnosis).unwrap(),
+            "with wave the measurement is 4 times as likely as with something unknown alone"
+        );
+        assert_eq!(said([0.1, -3.0], &mut diagnosis), None);
     }
 }

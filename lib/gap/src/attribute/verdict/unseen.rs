@@ -7,7 +7,7 @@ use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::hypothesis::name;
+use crate::attribute::problem::hypothesis::{Candidate, name};
 use gl_inference::path::short;
 
 /// Effects that nothing can be said of yet, where something unknown comes first, or other effects.
@@ -58,14 +58,21 @@ pub(super) fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnos
         let within = |Marginal { name, low, high, .. }: Marginal| {
             let parameter = problem.prior.parameters().iter().find(|parameter| parameter.name == name);
             let off = parameter.and_then(|of| of.off).unwrap_or(0.0);
+            let (times, unit) = match &problem.candidates[of.hypothesis[0]] {
+                Candidate::Measured(error) => problem.told_in(error),
+                _ => (
+                    1.0,
+                    parameter
+                        .and_then(|of| of.unit.as_ref())
+                        .map_or_else(String::new, |unit| format!(" {unit}")),
+                ),
+            };
             // From one side of its value off to the other: whatever is between shows no more.
             let from = match parameter {
                 Some(of) if off <= of.lower => String::new(),
-                _ => format!(" from {}", short(low.min(off))),
+                _ => format!(" from {}", short(times * low.min(off))),
             };
-            let unit =
-                parameter.and_then(|of| of.unit.as_ref()).map_or_else(String::new, |unit| format!(" {unit}"));
-            format!("{name}{from} up to {}{unit}", short(high.max(off)))
+            format!("{name}{from} up to {}{unit}", short(times * high.max(off)))
         };
         let within: Vec<String> = of_effect.map(within).collect();
         let effect = name(&of.hypothesis, &problem.candidates);
