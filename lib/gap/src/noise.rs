@@ -34,10 +34,10 @@ pub fn add_scales(verdicts: &mut Verdicts, scales: &[(&str, f64)], follows: &str
         return;
     }
     let each: Vec<String> =
-        scales.iter().map(|(name, scale)| format!("those of {name} {} times", short(*scale))).collect();
+        scales.iter().map(|(name, scale)| format!("{name} {} times", short(*scale))).collect();
     let furthest =
         scales.iter().map(|(_, scale)| *scale).max_by(|a, b| a.ln().abs().total_cmp(&b.ln().abs()));
-    let text = format!("the readings scatter otherwise than stated, {}; {follows}", each.join(", "));
+    let text = format!("the readings scatter otherwise than stated: {}; {follows}", each.join(", "));
     verdicts.add("noise-scale", furthest.unwrap_or(1.0), text);
 }
 
