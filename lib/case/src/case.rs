@@ -490,9 +490,8 @@ fn test(
     for (key, rows, own) in
         [("noise", &test.noise, entry.noise.is_some()), ("weights", &test.weights, entry.weights.is_some())]
     {
-        for name in rows.names() {
-            ensure!(
-                known.iter().any(|known| known == name),
+        if let Some(name) = rows.not_among(&known) {
+            bail!(
                 "{}: {key}: no observable {name}: observables names {}",
                 places.of_setting(&at(own, &format!("{key}.{name}"))),
                 known.join(", ")

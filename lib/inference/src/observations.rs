@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Context, Error, Result, bail, ensure};
 
 use gl_table::Table;
 
@@ -213,17 +213,18 @@ impl ByName {
         self.0.is_empty()
     }
 
+    /// The first name that is none of these.
+    pub fn not_among(&self, known: &[String]) -> Option<&str> {
+        self.names().find(|name| !known.iter().any(|known| known == name))
+    }
+
     /// Check that every name is one of `names`.
     ///
     /// # Errors
     /// If one is not; `flag` says in the message where it was given.
     pub fn check_names(&self, names: &[String], flag: &str) -> Result<()> {
-        for name in self.names() {
-            ensure!(
-                names.iter().any(|known| known == name),
-                "{flag} {name}: no such observable; they are {}",
-                names.join(", ")
-            );
+        if let Some(name) = self.not_among(names) {
+            bail!("{flag} {name}: no such observable; they are {}", names.join(", "));
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use gl_inference::observations::ByName;
 use gl_inference::prior::{Parameter, Prior, Scale};
 use gl_inference::summary::Summary;
@@ -243,12 +243,8 @@ pub fn within(support: Span, values: &[f64], weights: &[f64]) -> (Vec<f64>, Vec<
 /// # Errors
 /// If one is not.
 pub fn check_truth(truth: &ByName, parameters: &[String]) -> Result<()> {
-    for name in truth.names() {
-        ensure!(
-            parameters.iter().any(|known| known == name),
-            "--truth {name}: no such parameter; they are {}",
-            parameters.join(", ")
-        );
+    if let Some(name) = truth.not_among(parameters) {
+        bail!("--truth {name}: no such parameter; they are {}", parameters.join(", "));
     }
     Ok(())
 }

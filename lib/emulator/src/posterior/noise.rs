@@ -111,3 +111,16 @@ pub fn decided(points: &[Vec<f64>], prior_sd: &[f64]) -> f64 {
     };
     prior_sd.iter().enumerate().map(of).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fit_that_is_far_too_good_has_its_probability_to_the_last_digit() {
+        // scipy.stats.chi2.cdf(42, 181)
+        let good = ChiSquare::new(Fit { ln: 0.0, square: 42.0 }, 181, 0.0);
+        assert!((good.p_of_less / 3.181439387332727e-29 - 1.0).abs() < 1e-9, "{}", good.p_of_less);
+        assert!(good.is_better() && !good.is_worse());
+    }
+}

@@ -241,13 +241,13 @@ fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
     let (errors, effects): (Vec<usize>, Vec<usize>) =
         of.hypothesis.iter().copied().partition(|&candidate| problem.candidates[candidate].is_measured());
     let named = |of: &[usize]| name(of, &problem.candidates);
-    match (effects.is_empty(), errors.is_empty()) {
-        (_, true) => "adding it".to_owned(),
-        (true, false) if errors.iter().any(|&error| problem.candidates[error].is_of_control()) => {
-            "runs that have it".to_owned()
-        }
-        (true, false) => "taking it out of the measurement".to_owned(),
-        (false, false) => {
+    let is_of_control = errors.iter().any(|&error| problem.candidates[error].is_of_control());
+    match (effects.is_empty(), errors.is_empty(), is_of_control) {
+        (_, true, _) => "adding it".to_owned(),
+        (true, false, true) => "runs that have it".to_owned(),
+        (true, false, false) => "taking it out of the measurement".to_owned(),
+        (false, false, true) => format!("adding {}, in runs that have {},", named(&effects), named(&errors)),
+        (false, false, false) => {
             format!("adding {}, and taking {} out of the measurement,", named(&effects), named(&errors))
         }
     }
@@ -364,11 +364,17 @@ mod tests {
         assert_eq!(told, expected);
     }
 
+    /// An error of the control, as a candidate.
+    fn lag() -> impl Iterator<Item = Candidate> {
+        MeasurementEffect::all(&[Kind::Lag], &["y".to_owned()]).into_iter().map(Candidate::Measured)
+    }
+
     #[test]
     fn what_has_to_be_taken_out_of_the_measurement_is_not_put_into_the_simulation() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let problem = predictor.problem(&prior, &observations);
+        let mut problem = predictor.problem(&prior, &observations);
+        problem.candidates.extend(lag());
         let mut of = diagnose(&problem, 1, 1).unwrap().first().clone();
         let mut said = |hypothesis: &[usize]| {
             of.hypothesis = hypothesis.to_vec();
@@ -377,13 +383,17 @@ mod tests {
         assert_eq!(said(&[0]), "adding it");
         assert_eq!(said(&[1]), "taking it out of the measurement");
         assert_eq!(said(&[0, 1]), "adding wave, and taking offset(y) out of the measurement,");
+        // No reading can be corrected for an error of the control.
+        assert_eq!(said(&[2]), "runs that have it");
+        assert_eq!(said(&[0, 2]), "adding wave, in runs that have lag,");
     }
 
     #[test]
     fn an_error_of_the_rig_is_told_with_its_size_to_be_corrected() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let problem = predictor.problem(&prior, &observations);
+        let mut problem = predictor.problem(&prior, &observations);
+        problem.candidates.extend(lag());
         let said = |first: &str| {
             let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
             diagnosis.attribution.explanations.sort_by_key(|of| of.name != first);
@@ -398,6 +408,8 @@ mod tests {
             text.starts_with("offset(y) = ") && text.contains("for it, or calibrate with it as rig"),
             "{text}"
         );
+        let (_, text) = said("lag").unwrap();
+        assert!(text.contains(", which no simulation makes: calibrate with it as rig"), "{text}");
     }
 
     #[test]

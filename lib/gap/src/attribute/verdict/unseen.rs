@@ -140,4 +140,32 @@ mod tests {
         diagnosis.rows[0].confounded = vec!["wave+unexplained".to_owned()];
         assert!(said(&diagnosis).is_none(), "it is said there, and more");
     }
+
+    #[test]
+    fn the_size_of_an_error_of_the_rig_that_may_hide_is_in_the_units_of_what_it_acts_on() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations).in_units(&"y=kN".parse().unwrap());
+        let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+        diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+        diagnosis.rows[0].confounded = Vec::new();
+        let unknown = diagnosis.first().evidence.ln;
+        let is_offset = |of: &&mut Explanation| of.name == "offset(y)+unexplained";
+        let offset = diagnosis.attribution.explanations.iter_mut().find(is_offset).unwrap();
+        (offset.evidence.ln, offset.closes, offset.is_behind, offset.ruled_out) = (unknown, 0.3, false, None);
+        // As a share of the range, by its samples.
+        let effect = problem.candidates.iter().find_map(|candidate| match candidate {
+            Candidate::Measured(effect) => Some(effect),
+            Candidate::Simulated(_) => None,
+        });
+        let place = problem.prior.base().len();
+        let shares: Vec<f64> =
+            offset.evidence.samples.iter().map(|sample| effect.unwrap().size(sample[place])).collect();
+        let high = gl_numeric::statistics::Quantiles::new(&shares, &offset.evidence.weights).at(0.95);
+        let mut verdicts = Verdicts::default();
+        add_hidden(&mut verdicts, &problem, &diagnosis);
+        let text = &verdicts.rows.iter().find(|row| row.value == "offset(y)").unwrap().text;
+        let expected = format!(" up to {} kN (0.9, if it is)", short((high * problem.ranges[0]).max(0.0)));
+        assert!(text.contains(&expected), "{text}, {expected}");
+    }
 }
