@@ -115,6 +115,8 @@ pub struct Case {
     pub params: String,
     /// What was measured: one test, or several of the same samples.
     pub tests: Vec<Test>,
+    /// A table of readings that are far off, `observable step`, by which no posterior is drawn.
+    pub outliers: Option<PathBuf>,
     /// Units of columns and parameters, for axes.
     pub units: Vec<(String, String)>,
     /// Values of parameters that are known to be true: drawn, never used.
@@ -269,6 +271,7 @@ impl Case {
             name,
             params: file.params.unwrap_or_else(|| "params.txt".to_owned()),
             tests,
+            outliers: file.outliers.map(|outliers| folder.join(outliers)),
             units: file.units.unwrap_or_default(),
             truth: file.truth.into_iter().flatten().collect(),
             rig,

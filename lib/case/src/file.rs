@@ -26,6 +26,7 @@ pub(crate) struct File {
     pub(crate) scale: Option<String>,
     #[serde(deserialize_with = "steps")]
     pub(crate) steps: Option<String>,
+    pub(crate) outliers: Option<String>,
     #[serde(deserialize_with = "texts_by_name")]
     pub(crate) units: Option<Vec<(String, String)>>,
     #[serde(deserialize_with = "numbers_by_name")]

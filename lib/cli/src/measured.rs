@@ -1,8 +1,9 @@
 //! What was measured, on the command line: one test, or several.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::misfit::Incomplete;
@@ -69,59 +70,121 @@ pub struct Part {
     pub ensemble: Ensemble,
 }
 
-/// The readings of which no gap is made.
+impl Part {
+    /// What its observables are called: `test.observable` where it has a name.
+    fn observables(&self) -> impl Iterator<Item = String> {
+        let named = |name: &String| match self.name.as_str() {
+            "" => name.clone(),
+            test => format!("{test}.{name}"),
+        };
+        self.observations.names.iter().map(named)
+    }
+}
+
+/// The readings that count for nothing.
 #[derive(Args, Clone, Debug)]
 pub struct Outliers {
-    /// Readings that are far off, of which no gap is made: observable, step (gl-gap-attribute --outliers-out)
+    /// Readings that are far off, and count for nothing: observable, step (gl-gap-attribute --outliers-out)
     #[arg(long, value_name = "FILE")]
     outliers: Option<PathBuf>,
 }
 
 impl Outliers {
-    /// The tests without these readings, if some are named.
+    /// The tests with these readings marked, if some are named.
     ///
     /// # Errors
-    /// If the table cannot be read, or one is of an observable or a step that there is not.
-    pub fn left_out_of(&self, parts: Vec<Part>) -> Result<Vec<Part>> {
-        match &self.outliers {
-            Some(table) => without_far_off(parts, table),
-            None => Ok(parts),
+    /// If the table cannot be read, one is of an observable or a step that there is not, or nothing else is left of it.
+    pub fn marked_in(&self, mut parts: Vec<Part>) -> Result<Vec<Part>> {
+        let Some(table) = &self.outliers else { return Ok(parts) };
+        let compared = |part: &Part| part.first..part.first + part.observations.steps();
+        let of = |part| Part::observables(part).map(move |name| (name, compared(part)));
+        let mut found = far_off(table, &parts.iter().flat_map(of).collect::<Vec<_>>())?.into_iter();
+        for part in &mut parts {
+            part.observations.far_off = found.by_ref().take(part.observations.names.len()).collect();
         }
+        Ok(parts)
+    }
+
+    /// The same of the measurement of all tests behind each other.
+    ///
+    /// # Errors
+    /// As [`Outliers::marked_in`].
+    pub fn marked_in_all(&self, mut measurement: Measurement) -> Result<Measurement> {
+        if let Some(table) = &self.outliers {
+            measurement.observations.far_off = far_off(table, &measurement.observables())?;
+        }
+        Ok(measurement)
     }
 }
 
-/// The tests with the readings that a table, `observable step`, says are far off; steps are counted in the measurement.
-fn without_far_off(mut parts: Vec<Part>, table: &Path) -> Result<Vec<Part>> {
+/// A noise that was found to be another one than was stated.
+#[derive(Args, Clone, Debug)]
+pub struct FoundNoise {
+    /// How many times the stated noise readings scatter: observable, scale (gl-gap-attribute --noise-out); as stated by
+    /// default
+    #[arg(long, value_name = "FILE")]
+    noise_found: Option<PathBuf>,
+}
+
+impl FoundNoise {
+    /// The tests with this noise in the place of that which was stated, if it is known.
+    ///
+    /// # Errors
+    /// If the table cannot be read, one is of an observable that there is not, or no noise is stated, or none of a sensible size.
+    pub fn counted_in(&self, mut parts: Vec<Part>) -> Result<Vec<Part>> {
+        #[derive(serde::Deserialize)]
+        struct Found {
+            observable: String,
+            scale: f64,
+        }
+        let Some(table) = &self.noise_found else { return Ok(parts) };
+        let source = table.display();
+        for Found { observable, scale } in Table::read(table)?.rows::<Found>()? {
+            let mut of_parts = parts.iter_mut().filter_map(|part| {
+                let place = part.observables().position(|name| name == observable)?;
+                Some(part.noise.as_mut().map(|noise| &mut noise[place]))
+            });
+            let noise = of_parts.next().with_context(|| format!("{source}: no observable {observable}"))?;
+            let noise = noise.with_context(|| format!("{source}: no noise of {observable} is stated"))?;
+            ensure!(
+                scale.is_normal() && scale > 0.0,
+                "{source}: {scale} of {observable} is no size of a noise"
+            );
+            noise.iter_mut().for_each(|sd| *sd *= scale);
+        }
+        Ok(parts)
+    }
+}
+
+/// Which readings a table, `observable step`, says are far off, of observables with these names and compared steps,
+/// ascending; steps are counted in the table of the measurement there, and from the first compared one here.
+///
+/// # Errors
+/// If the table cannot be read, one is of an observable or a step that there is not, or nothing else is left of it.
+pub fn far_off(table: &Path, observables: &[(String, Range<usize>)]) -> Result<Vec<Vec<usize>>> {
     #[derive(serde::Deserialize)]
     struct Reading {
         observable: String,
         step: usize,
     }
     let source = table.display();
+    let mut far_off = vec![Vec::new(); observables.len()];
     for Reading { observable, step } in Table::read(table)?.rows::<Reading>()? {
-        let of = |part: &Part| {
-            let own = match part.name.as_str() {
-                "" => Some(observable.as_str()),
-                name => observable.strip_prefix(name).and_then(|own| own.strip_prefix('.')),
-            };
-            part.observations.names.iter().position(|name| Some(name.as_str()) == own)
-        };
-        let found = parts.iter_mut().find_map(|part| of(part).map(|place| (part, place)));
-        let Some((part, place)) = found else { bail!("{source}: no observable {observable}") };
-        let all = part.first..part.first + part.observations.steps();
+        let place = observables.iter().position(|(name, _)| *name == observable);
+        let place = place.with_context(|| format!("{source}: no observable {observable}"))?;
+        let Range { start, end } = observables[place].1;
         ensure!(
-            all.contains(&step),
-            "{source}: step {step} of {observable} is none of {}:{}",
-            all.start,
-            all.end
+            (start..end).contains(&step),
+            "{source}: step {step} of {observable} is none of {start}:{end}"
         );
-        part.observations.far_off.resize(part.observations.names.len(), Vec::new());
-        let far_off = &mut part.observations.far_off[place];
-        far_off.push(step - part.first);
-        far_off.sort_unstable();
-        far_off.dedup();
+        far_off[place].push(step - start);
     }
-    Ok(parts)
+    for (of, (name, steps)) in far_off.iter_mut().zip(observables) {
+        of.sort_unstable();
+        of.dedup();
+        ensure!(of.len() < steps.len(), "{source}: no reading of {name} is left");
+    }
+    Ok(far_off)
 }
 
 /// Which samples the tests lack.
@@ -233,28 +296,43 @@ impl Measurement {
         Ok(stack.tests.iter().zip(ensembles).map(part).collect())
     }
 
-    /// Observable, step and control of each reading that is compared, all observables behind each other; `steps` are
-    /// those of one test alone.
-    pub fn places(&self, steps: &std::ops::Range<usize>) -> Vec<(String, usize, f64)> {
-        let of = |names: &[String], control: &[f64], steps: &std::ops::Range<usize>| {
-            let of_name = |name: &String| {
-                let place = |step: usize| (name.clone(), step, control[step]);
-                steps.clone().map(place).collect::<Vec<_>>()
-            };
-            names.iter().flat_map(of_name).collect::<Vec<_>>()
+    /// Names of the observables, with the steps of each that are compared.
+    fn observables(&self) -> Vec<(String, Range<usize>)> {
+        let Observations { names, .. } = &self.observations;
+        let Some(stack) = &self.stack else {
+            return names.iter().map(|name| (name.clone(), 0..self.observations.steps())).collect();
         };
-        let Observations { names, control, .. } = &self.observations;
-        let Some(stack) = &self.stack else { return of(names, control, steps) };
-        let of_test =
-            |test: &Test| of(&names[test.observables.clone()], &test.observations.control, &test.steps);
-        stack.tests.iter().flat_map(of_test).collect()
+        let of = |test: &Test| {
+            let steps = test.steps.clone();
+            test.observables.clone().map(move |j| (names[j].clone(), steps.clone()))
+        };
+        stack.tests.iter().flat_map(of).collect()
+    }
+
+    /// Observable, step and control of each reading that is compared, all observables behind each other, but for those that
+    /// are far off; `steps` are those of one test alone.
+    pub fn places(&self, steps: &Range<usize>) -> Vec<(String, usize, f64)> {
+        let control_of = |j: usize| match &self.stack {
+            Some(stack) => {
+                let is_of = |test: &&Test| test.observables.contains(&j);
+                stack.tests.iter().find(is_of).map_or(&[] as &[f64], |test| &test.observations.control)
+            }
+            None => &self.observations.control,
+        };
+        let of = |(j, (name, compared)): (usize, (String, Range<usize>))| {
+            let control = control_of(j);
+            let near = self.observations.near(j, &compared.collect::<Vec<_>>()).into_iter();
+            let is_seen = |step: &usize| self.stack.is_some() || steps.contains(step);
+            near.filter(is_seen).map(|step| (name.clone(), step, control[step])).collect::<Vec<_>>()
+        };
+        self.observables().into_iter().enumerate().flat_map(of).collect()
     }
 
     /// Refuse steps that are given for all tests at once.
     ///
     /// # Errors
     /// If there are tests, and steps beside them.
-    pub fn steps(&self, steps: Option<Steps>) -> Result<std::ops::Range<usize>> {
+    pub fn steps(&self, steps: Option<Steps>) -> Result<Range<usize>> {
         ensure!(
             steps.is_none() || self.stack.is_none(),
             "--steps: with --test each test has its own; give NAME:OBS:CONTROL:OBSERVABLES:NOISE:A:B"

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use gl_case::{Case, Engine, Test, suggestion};
+use gl_case::{Case, Engine, Posterior, Test, suggestion};
+use gl_cli::measured::far_off;
 use gl_engine::batch_table::BatchTable;
 use gl_engine::embedded::simulator;
 use gl_engine::model::{Model, find_program, split_words, yade_script};
@@ -245,6 +246,7 @@ fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Vec<Observati
     }
     if observations.len() == case.tests.len() {
         problems.note(check_noises(case, &observations));
+        problems.note(check_outliers(case, &observations));
     }
     problems.note(check_names(case, prior.as_ref()));
     problems.note(sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
@@ -286,6 +288,26 @@ fn check_noises(case: &Case, observations: &[Observations]) -> Result<()> {
             _ => first = Some((is_known, &test.name)),
         }
     }
+    Ok(())
+}
+
+/// That readings which are far off are some of those that are compared, and count for nothing where a posterior is drawn.
+fn check_outliers(case: &Case, observations: &[Observations]) -> Result<()> {
+    let Some(table) = &case.outliers else { return Ok(()) };
+    ensure!(
+        case.posterior == Posterior::Emulator,
+        "{}: weights of runs take every reading; leave it out, or draw the posterior through an emulator",
+        place(case, "outliers")
+    );
+    let mut compared = Vec::new();
+    for (test, of) in case.tests.iter().zip(observations) {
+        let steps = match &test.steps {
+            Some(steps) if case.has_tests() => steps.parse::<Steps>()?.within(of.steps())?,
+            _ => 0..of.steps(),
+        };
+        compared.extend(test.observable_names().iter().map(|name| (test.named(name), steps.clone())));
+    }
+    far_off(table, &compared).with_context(|| place(case, "outliers"))?;
     Ok(())
 }
 

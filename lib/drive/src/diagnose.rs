@@ -25,7 +25,7 @@ use crate::arguments::{Request, Results};
 use crate::calibrate::{RUNS_WEIGHTS, alone};
 use crate::check;
 use crate::columns::{Which, ensembles, measured, units};
-use crate::step::{Call, Messages, Runner, is_current, put, show, touch, write};
+use crate::step::{Call, Messages, Runner, is_current, make_folder, put, show, touch, write};
 
 /// What all steps of a diagnosis have in common.
 pub(crate) struct Diagnosis<'a> {
@@ -127,6 +127,8 @@ impl Diagnosis<'_> {
     ) -> Result<Progress> {
         let posterior = out.join("posterior.txt");
         let mut inputs = inputs.to_vec();
+        let outliers = self.outliers_for(out)?;
+        inputs.extend(outliers.clone());
         // The folder is called by its effects; how large errors of the rig are changes with the runs of the design.
         if with.is_some_and(|winner| !winner.rig.is_empty()) {
             inputs.push(self.file(Winner::FILE));
@@ -148,6 +150,9 @@ impl Diagnosis<'_> {
         call = call.args(&self.request.given).args(given);
         if let Some(wider) = self.wider_prior().filter(|_| out != self.file(BASE)) {
             call = call.arg(format!("params={}", std::path::absolute(wider)?.display()));
+        }
+        if let Some(outliers) = outliers {
+            call = call.arg(format!("outliers={}", std::path::absolute(outliers)?.display()));
         }
         if let Some(winner) = with {
             if !winner.effects.is_empty() {
@@ -196,25 +201,45 @@ impl Diagnosis<'_> {
         Ok(if table.is_file() && !Table::read(&table)?.is_empty() { Some(table) } else { None })
     }
 
+    /// The same as a calibration takes them, in its folder: all do but that of the base model, which is there before them.
+    fn outliers_for(&self, calibration: &Path) -> Result<Option<PathBuf>> {
+        let table = calibration.join(OUTLIERS);
+        let known = self.outliers()?.filter(|_| !self.is_weighed() && calibration != self.file(BASE));
+        let Some(known) = known else {
+            let _ = std::fs::remove_file(table);
+            return Ok(None);
+        };
+        make_folder(calibration)?;
+        put(&table, &std::fs::read(known)?)?;
+        Ok(Some(table))
+    }
+
     /// Where the calibrated model misses the measurement.
     fn locate(&self, base: &Path) -> Result<()> {
-        let (table, outliers) = (self.file("locate.txt"), self.outliers()?);
-        let inputs: Vec<PathBuf> = outliers.iter().cloned().chain([base.join("posterior.txt")]).collect();
-        if is_current(&table, &inputs)? {
+        let table = self.file("locate.txt");
+        let found = self.found().into_iter();
+        if is_current(&table, &found.chain([base.join("posterior.txt")]).collect::<Vec<_>>())? {
             return Ok(());
         }
-        let call = self.locating(base, outliers.as_deref(), &table);
+        let call = self.locating(base, &table)?;
         self.must(&call.verdict(&self.file("locate-verdict.txt")), "locate.log")
     }
 
-    /// The call that locates the gap of a calibration, but for these readings, into a table.
-    fn locating(&self, of: &Path, outliers: Option<&Path>, table: &Path) -> Call {
-        measured(Call::new("gl-gap-locate"), self.case, Which::All)
-            .file("--outliers", outliers)
+    /// What the attribution has found of the readings.
+    fn found(&self) -> Vec<PathBuf> {
+        [OUTLIERS, NOISE].iter().map(|name| self.file(name)).filter(|table| table.is_file()).collect()
+    }
+
+    /// The call that locates the gap of a calibration into a table, by what is known of the readings.
+    fn locating(&self, of: &Path, table: &Path) -> Result<Call> {
+        let noise = Some(self.file(NOISE)).filter(|table| table.is_file());
+        Ok(measured(Call::new("gl-gap-locate"), self.case, Which::All)
+            .file("--outliers", self.outliers()?.as_deref())
+            .file("--noise-found", noise.as_deref())
             .flag("-w", of.join(RUNS_WEIGHTS))
             .option("--units", units(self.case))
             .flag("-o", table)
-            .args(ensembles(self.case, of))
+            .args(ensembles(self.case, of)))
     }
 
     /// What is put in: the effects of what comes first, and its errors of the rig, if there are runs that show it.
@@ -254,13 +279,12 @@ impl Diagnosis<'_> {
         if self.calibrate(&after, Some(winner))? == Progress::InQueue {
             return Ok(Progress::InQueue);
         }
-        let outliers = self.outliers()?;
         // For the picture of the page.
         let located = self.file("locate-after.txt");
         let mut inputs = vec![self.file(Winner::FILE), after.join("posterior.txt")];
-        inputs.extend(outliers.clone());
+        inputs.extend(self.found());
         if !is_current(&located, &inputs)? {
-            let call = self.locating(&after, outliers.as_deref(), &located);
+            let call = self.locating(&after, &located)?;
             self.runner.must(&call, Messages::Kept(&self.file("locate-after.log")))?;
         }
         let Some((base, after)) = self.between(self.base(), after, winner)? else {
@@ -271,7 +295,7 @@ impl Diagnosis<'_> {
         let rows = format!("part\tfolder\nbefore\t{}\nafter\t{}\n", name(&base), name(&after));
         put(&between, rows.as_bytes())?;
         let mut inputs = vec![between, base.join("posterior.txt"), after.join("posterior.txt")];
-        inputs.extend(outliers.clone());
+        inputs.extend(self.found());
         if is_current(&table, &inputs)? {
             return Ok(Progress::Finished);
         }
@@ -282,7 +306,7 @@ impl Diagnosis<'_> {
         };
         let call = measured(Call::new("gl-gap-shrink"), self.case, Which::All)
             .option("--scatter", self.case.scatter)
-            .file("--outliers", outliers.as_deref())
+            .file("--outliers", self.outliers()?.as_deref())
             .flag("--before", tables(&base))
             .flag("--after", tables(&after));
         if let Some(seen) = seen(self.case) {
@@ -381,8 +405,9 @@ const FORETOLD: &str = "predicted-shrink.txt";
 /// The errors of the rig in what comes first.
 const RIG: &str = "rig.txt";
 
-/// The readings that look like outliers beside it.
+/// The readings that look like outliers beside it, and how many times the stated noise they scatter.
 const OUTLIERS: &str = "outliers.txt";
+const NOISE: &str = "noise.txt";
 
 /// Whether what is foretold first is of this cause.
 fn is_of(foretold: &Path, first: &str) -> Result<bool> {

@@ -244,7 +244,7 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
 fn first_look(question: &Question<'_>, space: &Space, seed: u64) -> Result<(Measured, Ensemble, Surrogate)> {
     let observations = question.observations.part(question.steps.clone());
     let all: Vec<usize> = (0..question.ensemble.len()).collect();
-    let runs = question.ensemble.part(&all, question.steps.clone());
+    let runs = question.ensemble.part(&all, question.steps.clone()).without_far_off(&observations);
     let look = |far: f64| -> Result<(Measured, Ensemble, Surrogate)> {
         let measured = measured(question, &observations, &runs, far);
         let ensemble = warp::seen(&runs, &measured.warps);
@@ -376,8 +376,10 @@ impl Asked<'_> {
     }
 }
 
-/// What is compared: runs that reach so many times beyond the measurement are warped.
-fn measured(question: &Question<'_>, observations: &Observations, runs: &Ensemble, far: f64) -> Measured {
+/// What is compared of the steps of a measurement: its readings but for those that are far off. Runs that reach so many
+/// times beyond them are warped.
+fn measured(question: &Question<'_>, whole: &Observations, runs: &Ensemble, far: f64) -> Measured {
+    let observations = whole.without_far_off();
     let lengths = observations.values.iter().map(Vec::len);
     let starts: Vec<usize> = std::iter::once(0)
         .chain(lengths.scan(0, |end, length| {
@@ -387,7 +389,10 @@ fn measured(question: &Question<'_>, observations: &Observations, runs: &Ensembl
         .collect();
     let ranges = observations.sizes();
     let base = match question.noise.or(question.scale) {
-        Some(noise) => noise.iter().flat_map(|noise| cut(noise, &question.steps).to_vec()).collect(),
+        Some(noise) => {
+            let of = |(j, noise): (usize, &Vec<f64>)| whole.near(j, cut(noise, &question.steps));
+            noise.iter().enumerate().flat_map(of).collect()
+        }
         // As the filter has it: the largest value.
         None => {
             let sizes = observations.values.iter().zip(&ranges).map(|(values, range)| {

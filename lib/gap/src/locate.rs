@@ -396,10 +396,10 @@ pub fn named(test: &str, observable: &str) -> String {
 fn without_stretch(verdicts: &mut Verdicts, fit: &Fit) {
     if !fit.is_bad() {
         verdicts.add("no-gap", fit.probability, "No gap beyond what noise and posterior spread explain.");
-    } else if fit.alternates() {
+    } else if let Some(alternation) = fit.alternation {
         verdicts.add(
             "alternates",
-            fit.correlation,
+            alternation,
             format!("No stretch stands out, but the gap {ALTERNATES}: {ON_ALTERNATING}."),
         );
     } else if fit.scatter <= 1.0 {
@@ -471,7 +471,12 @@ mod tests {
             let mut verdicts = Verdicts::default();
             without_stretch(
                 &mut verdicts,
-                &Fit { probability, scatter, correlation, correlation_p: probability },
+                &Fit {
+                    probability,
+                    scatter,
+                    correlation,
+                    alternation: (correlation < -0.5).then_some(correlation),
+                },
             );
             verdicts.rows.remove(0).code
         };

@@ -227,6 +227,20 @@ impl Ensemble {
         part
     }
 
+    /// The runs without the readings that are far off in a measurement of the same steps.
+    pub fn without_far_off(&self, observations: &Observations) -> Self {
+        let mut near = Self::new(&observations.without_far_off(), self.sd.is_some());
+        near.source.clone_from(&self.source);
+        for run in 0..self.len() {
+            let of = 0..self.observables.len();
+            let curves: Vec<_> = of.clone().map(|j| observations.near(j, self.curve(run, j))).collect();
+            let sd: Option<Vec<_>> =
+                of.map(|j| self.curve_sd(run, j).map(|sd| observations.near(j, sd))).collect();
+            near.push(&self.samples[run], &curves, sd.as_deref());
+        }
+        near
+    }
+
     /// The runs at these places, at the steps of a range, with what an emulator said of them.
     pub fn with_runs(&self, runs: &[usize], steps: std::ops::Range<usize>) -> Self {
         let mut chosen = self.part(&[], steps.clone());

@@ -9,7 +9,7 @@ pub const BAD: f64 = 0.01;
 pub const CORRELATED: f64 = 0.25;
 
 /// What alternates, in words, for who says of what.
-pub const ALTERNATES: &str = "changes its sign from reading to reading more than noise does";
+pub const ALTERNATES: &str = "changes its sign with every reading or two more than noise does";
 
 /// What to do about it.
 pub const ON_ALTERNATING: &str =
@@ -22,10 +22,11 @@ pub struct Fit {
     pub probability: f64,
     /// Root mean square of what is left, in standard deviations, for the degrees of freedom that are.
     pub scatter: f64,
-    /// Correlation of neighbours in what is left: near −1 it alternates, near 1 it is smooth.
+    /// Correlation of neighbours in what is left: near 1 it is smooth.
     pub correlation: f64,
-    /// Probability of a correlation at least as far from that of noise.
-    pub correlation_p: f64,
+    /// Where what is left alternates, the correlation of neighbours, or of every second reading, whichever says it more
+    /// clearly: near −1 it does nothing else. Neither an emulator's error, nor scatter, nor a noise that is correlated does.
+    pub alternation: Option<f64>,
 }
 
 impl Fit {
@@ -33,44 +34,52 @@ impl Fit {
     pub fn is_bad(&self) -> bool {
         self.probability < BAD
     }
-
-    /// Whether what is left alternates: neither an emulator's error, nor scatter, nor a noise that is correlated does.
-    pub fn alternates(&self) -> bool {
-        self.correlation < -CORRELATED && one_of_two(self.correlation_p) < BAD
-    }
 }
 
 /// Test what a fit leaves of each observable, in standard deviations, shape (observables, steps), of which the
 /// fit has taken so many degrees of freedom.
 ///
-/// Two tests, of which the smaller probability counts, raised for having been chosen (Šidák): the sum of squares
+/// Three tests, of which the smallest probability counts, raised for having been chosen (Šidák): the sum of squares
 /// against χ² with the degrees of freedom that are left, which sees a misfit of any shape that is large enough; and
-/// the correlation r of neighbours over n pairs against normal(0, 1/n), from both sides, which sees one that is
-/// smooth, or alternates, much earlier. What a fit takes makes neighbours differ by up to its degrees of freedom
-/// over n: that is allowed for.
+/// the correlations of neighbours and of every second reading, over n pairs against normal(0, 1/n), from both sides, which
+/// see one that is smooth, or turns within five readings, much earlier. What a fit takes makes readings differ by up to
+/// its degrees of freedom over n: that is allowed for.
 ///
 /// # Source
-/// Ljung & Box (1978), Biometrika 65:297, for one lag.
+/// Ljung & Box (1978), Biometrika 65:297, lag by lag.
 pub fn test(left: &[Vec<f64>], taken: usize) -> Fit {
     let readings: usize = left.iter().map(Vec::len).sum();
     let square: f64 = left.iter().flatten().map(|z| z * z).sum();
     let freedom = readings.saturating_sub(taken).max(1) as f64;
-    let of_square = of_misfit(square, freedom);
-    let pairs: usize = left.iter().map(|z| z.len().saturating_sub(1)).sum();
-    let products: f64 = left.iter().flat_map(|z| z.windows(2).map(|pair| pair[0] * pair[1])).sum();
-    let correlation = if square > 0.0 && pairs > 0 { products / square } else { 0.0 };
     let allowed = taken as f64 / readings.max(1) as f64;
-    let beyond = if correlation < 0.0 { (correlation + allowed).min(0.0) } else { correlation };
-    let correlation_p = Normal::new(0.0, 1.0)
-        .map_or(1.0, |normal| 2.0 * normal.sf(beyond.abs() * (pairs as f64).sqrt()))
-        .min(1.0);
-    let probability = one_of_two(of_square.min(correlation_p));
-    Fit { probability, scatter: (square / freedom).sqrt(), correlation, correlation_p }
+    let correlated = |lag: usize| {
+        let pairs: usize = left.iter().map(|z| z.len().saturating_sub(lag)).sum();
+        let products = left.iter().flat_map(|z| z.iter().zip(z.iter().skip(lag))).map(|(a, b)| a * b);
+        let correlation = if square > 0.0 { products.sum::<f64>() / square } else { 0.0 };
+        let beyond = if correlation < 0.0 { (correlation + allowed).min(0.0) } else { correlation };
+        (correlation, two_sided(beyond * (pairs as f64).sqrt()))
+    };
+    let (neighbours, seconds) = (correlated(1), correlated(2));
+    let (least, least_p) = if seconds.1 < neighbours.1 && seconds.0 < 0.0 { seconds } else { neighbours };
+    let alternates = least < -CORRELATED && neighbours.0 < CORRELATED && smallest_of(2, least_p) < BAD;
+    let p = of_misfit(square, freedom).min(neighbours.1).min(seconds.1);
+    Fit {
+        probability: smallest_of(3, p),
+        scatter: (square / freedom).sqrt(),
+        correlation: neighbours.0,
+        alternation: alternates.then_some(least),
+    }
 }
 
-/// The probability of two tests together whose smaller one this is.
-fn one_of_two(p: f64) -> f64 {
-    p * (2.0 - p)
+/// The probability of a standard normal at least as far from zero.
+fn two_sided(z: f64) -> f64 {
+    Normal::new(0.0, 1.0).map_or(1.0, |normal| 2.0 * normal.sf(z.abs())).min(1.0)
+}
+
+/// The probability of so many tests together whose smallest one this is.
+fn smallest_of(tests: i32, p: f64) -> f64 {
+    // To the last digit where it is small.
+    -(f64::from(tests) * (-p).ln_1p()).exp_m1()
 }
 
 /// That what is left alternates with this correlation of neighbours, and what to do about it, for who says of what.
@@ -115,14 +124,24 @@ mod tests {
         let alternating = |t: usize| if t.is_multiple_of(2) { 1.0 } else { -1.0 };
         let left = vec![(0..40).map(alternating).collect::<Vec<_>>()];
         let fit = test(&left, 3);
-        assert!(
-            fit.is_bad() && fit.alternates() && fit.correlation < -0.9 && (fit.scatter - 1.0).abs() < 0.1,
-            "{fit:?}"
-        );
+        assert!(fit.is_bad() && fit.alternation < Some(-0.9) && (fit.scatter - 1.0).abs() < 0.1, "{fit:?}");
         let smooth = vec![(0..40).map(|t| (0.3 * f64::from(t)).sin()).collect::<Vec<_>>()];
-        assert!(test(&smooth, 3).is_bad() && !test(&smooth, 3).alternates());
+        assert!(test(&smooth, 3).is_bad() && test(&smooth, 3).alternation.is_none());
         let few = vec![(0..7).map(alternating).collect::<Vec<_>>()];
-        assert!(!test(&few, 3).alternates());
+        assert!(test(&few, 3).alternation.is_none());
+    }
+
+    #[test]
+    fn a_wave_of_any_few_readings_alternates_though_neighbours_do_not_differ() {
+        for turn in [2.2, 3.0, 4.0, 4.5] {
+            let wave = |t: usize| (std::f64::consts::TAU * t as f64 / turn).sin();
+            let left: Vec<f64> = (0..90).zip(noise(5, 90)).map(|(t, e)| 1.2 * wave(t) + 0.5 * e).collect();
+            let fit = test(&[left], 3);
+            assert!(fit.is_bad() && fit.alternation < Some(-0.4), "{turn}: {fit:?}");
+        }
+        let slow = (0..90).map(|t| (std::f64::consts::TAU * f64::from(t) / 8.0).sin()).collect();
+        let fit = test(&[slow], 3);
+        assert!(fit.is_bad() && fit.alternation.is_none() && fit.correlation > 0.5, "{fit:?}");
     }
 
     #[test]

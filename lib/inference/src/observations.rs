@@ -25,7 +25,7 @@ pub struct Observations {
     /// Standard deviation of the measurement noise, shape (observables, steps), where a column
     /// `<observable>_sd` gives it.
     pub sd: Vec<Option<Vec<f64>>>,
-    /// Steps of each observable whose readings are far off, ascending, of which no gap is made; empty where none are known.
+    /// Steps of each observable whose readings are far off, ascending, which count for nothing; empty where none are known.
     pub far_off: Vec<Vec<usize>>,
 }
 
@@ -96,6 +96,24 @@ impl Observations {
             values: self.values.iter().map(cut).collect(),
             sd: self.sd.iter().map(|sd| sd.as_ref().map(cut)).collect(),
             far_off: self.far_off.iter().map(within).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// What is said of each reading of an observable, shape (steps,), but of those that are far off.
+    pub fn near<T: Copy>(&self, observable: usize, of_readings: &[T]) -> Vec<T> {
+        let far_off = self.far_off.get(observable).map_or(&[] as &[usize], Vec::as_slice);
+        let is_near = |step: &usize| far_off.binary_search(step).is_err();
+        (0..of_readings.len()).filter(is_near).map(|step| of_readings[step]).collect()
+    }
+
+    /// The measurement without the readings that are far off: observables may have fewer of them than there are steps.
+    pub fn without_far_off(&self) -> Self {
+        let near = |(j, values): (usize, &Vec<f64>)| self.near(j, values);
+        Self {
+            values: self.values.iter().enumerate().map(near).collect(),
+            sd: self.sd.iter().enumerate().map(|(j, sd)| sd.as_ref().map(|sd| self.near(j, sd))).collect(),
+            far_off: Vec::new(),
             ..self.clone()
         }
     }

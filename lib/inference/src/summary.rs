@@ -105,7 +105,7 @@ quantities! {
     correlation,
     /// Independent readings among the residuals of the best fit.
     independent_readings,
-    /// Correlation of neighbours in what the best fit leaves, where that alternates.
+    /// Correlation of neighbours, or of every second reading, in what the best fit leaves, where that alternates.
     alternation,
     /// χ² of the best fit under the noise as stated.
     chi_square,

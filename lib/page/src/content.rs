@@ -185,6 +185,9 @@ struct Again {
 const MOST_HYPOTHESES: usize = 8;
 const MOST_FAILED: usize = 50;
 
+/// The code of how many times the stated noise readings scatter.
+const NOISE_SCALE: &str = "noise-scale";
+
 impl Content {
     /// Read what there is.
     ///
@@ -237,7 +240,11 @@ impl Content {
             .iter()
             .filter_map(|measured| measured.unseen.as_ref())
             .flat_map(|unseen| &unseen.verdict);
-        let all: Vec<&Sentence> = of_cause.chain(of_shrink).chain(of_unseen).chain(of_gap).collect();
+        // How the readings scatter is said once, by who knows most.
+        let is_told = of_cause.clone().any(|sentence| sentence.code == NOISE_SCALE);
+        let is_new = |sentence: &&Sentence| !is_told || sentence.code != NOISE_SCALE;
+        let of_others = of_shrink.chain(of_unseen).chain(of_gap).filter(is_new);
+        let all: Vec<&Sentence> = of_cause.chain(of_others).collect();
         let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
         let say = |sentence: &&Sentence| sentence.text.clone();
         let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));

@@ -129,19 +129,43 @@ fn a_model_that_has_the_rise_leaves_no_gap() {
 }
 
 #[test]
+fn a_gap_is_looked_for_in_the_noise_that_was_found() {
+    let directory = directory();
+    let code = |more: &str| {
+        let call = "-b obs.txt -c e -v q -w weights.tsv --noise q=3 --verdict v.tsv base.tsv";
+        let output = run(directory.path(), "gl-gap-locate", &format!("{call}{more}"));
+        assert!(output.status.success(), "{}", stderr(&output));
+        Verdicts::read(&directory.path().join("v.tsv")).unwrap().rows[0].code.clone()
+    };
+    fs::write(directory.path().join("noise.tsv"), "observable\tscale\nq\t0.04\n").unwrap();
+    assert_eq!((code("").as_str(), code(" --noise-found noise.tsv").as_str()), ("smooth", "gap"));
+    fs::write(directory.path().join("noise.tsv"), "observable\tscale\nr\t0.04\n").unwrap();
+    let call = "-b obs.txt -c e -v q -w weights.tsv --noise q=3 base.tsv --noise-found noise.tsv";
+    let output = run(directory.path(), "gl-gap-locate", call);
+    assert!(stderr(&output).contains("noise.tsv: no observable r"), "{}", stderr(&output));
+}
+
+#[test]
 fn a_gap_that_alternates_is_no_fit_though_no_stretch_stands_out() {
     let directory = directory();
-    let alternating = |step: usize| 1.0 + if step.is_multiple_of(2) { 0.15 } else { -0.15 };
-    let rows: String =
-        (0..STEPS).map(|step| format!("{}\t{}\n", step as f64 / 10.0, alternating(step))).collect();
-    fs::write(directory.path().join("alternating.txt"), format!("e\tq\n{rows}")).unwrap();
+    let alternating = |step: usize, readings: usize| {
+        if (step / readings).is_multiple_of(2) { 1.15 } else { 0.85 }
+    };
+    for readings in [1, 2] {
+        let rows: String = (0..STEPS)
+            .map(|step| format!("{}\t{}\n", step as f64 / 10.0, alternating(step, readings)))
+            .collect();
+        let obs = directory.path().join(format!("alternating-{readings}.txt"));
+        fs::write(obs, format!("e\tq\n{rows}")).unwrap();
+    }
     let code = |obs: &str| {
         let locate = format!("-b {obs} -c e -v q -w weights.tsv --noise q=0.1 --verdict v.tsv base.tsv");
         let output = run(directory.path(), "gl-gap-locate", &locate);
         assert!(output.status.success(), "{}", stderr(&output));
         Verdicts::read(&directory.path().join("v.tsv")).unwrap().rows[0].code.clone()
     };
-    assert_eq!(code("alternating.txt"), "alternates");
+    assert_eq!(code("alternating-1.txt"), "alternates");
+    assert_eq!(code("alternating-2.txt"), "alternates");
     // Smaller than the noise, and all on one side or the other.
     let wavy = |step: usize| 1.0 + 0.05 * (step as f64 / 6.0).sin();
     let rows: String = (0..STEPS).map(|step| format!("{}\t{}\n", step as f64 / 10.0, wavy(step))).collect();

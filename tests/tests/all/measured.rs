@@ -106,6 +106,32 @@ fn an_error_of_one_of_several_tests_is_in_the_runs_of_that_test() {
 }
 
 #[test]
+fn a_calibration_leaves_out_what_its_case_calls_far_off() {
+    let folder = Folder::default();
+    let far = |x: f64| if x > 0.9 { 0.5 } else { 0.0 };
+    write_curve(
+        &folder,
+        ("far", "name\tlower\tupper\na\t0\t2\n"),
+        |x| 0.8 * x + far(x),
+        ("-v a={a}", "a * x"),
+    );
+    let last = folder.column("case/obs.txt", "x").len() - 1;
+    let first = folder.column("case/obs.txt", "x").iter().position(|x| *x > 0.9).unwrap();
+    let rows: String = (first..=last).map(|step| format!("y {step}\n")).collect();
+    folder.write("case/far.txt", format!("observable step\n{rows}"));
+    folder.run("gl-calibrate case outliers=far.txt --out out");
+    let [mean, sd] = ["mean(a)", "sd(a)"].map(|name| folder.quantity("out/posterior.txt", name));
+    assert!((mean - 0.8).abs() < 4.0 * sd && sd < 0.02, "{mean} ± {sd}");
+    folder.write("case/far.txt", format!("observable step\ny {}\n", last + 1));
+    let said = ["outliers", "far.txt", "step"];
+    folder.refuses("gl-calibrate case outliers=far.txt --out other", &said);
+    folder.refuses(
+        "gl-calibrate case outliers=far.txt posterior=weights --out other",
+        &["weights of runs take every reading"],
+    );
+}
+
+#[test]
 fn of_a_reading_that_is_far_off_no_gap_is_made() {
     let folder = Folder::default();
     let far = |x: f64| if (x - 0.5).abs() < 0.01 { 0.5 } else { 0.0 };
@@ -113,6 +139,8 @@ fn of_a_reading_that_is_far_off_no_gap_is_made() {
     folder.run("gl-diagnose case --out out");
     assert_eq!(folder.read("out/winner.txt"), "bending\n");
     assert_eq!(folder.read("out/outliers.txt"), "observable\tstep\ny\t15\n");
+    assert!(folder.quantity("out/after-bending/posterior.txt", "chi_square_p") > 0.01);
+    assert!(folder.quantity("out/base/posterior.txt", "chi_square_p") < 0.01);
     for (table, row) in [("out/predicted-shrink.txt", 0), ("out/shrink.txt", 1)] {
         assert!(folder.column(table, "shrink")[row] > 0.95, "{table}: {}", folder.read(table));
     }

@@ -302,6 +302,51 @@ fn measured(steps: usize, correlation: f64, scale: f64, curve: impl Fn(f64) -> f
     folder
 }
 
+/// Readings that are called far off, whatever they are, leave what a table without them leaves, of one test and of two.
+#[test]
+fn what_is_far_off_counts_for_nothing() {
+    let folder = measured(20, 0.0, 1.0, |x| curve(&[0.4, 0.6], x));
+    let (far, all) = ([3, 4, 11], control(20));
+    let near: Vec<f64> = (0..20).filter(|step| !far.contains(step)).map(|step| all[step]).collect();
+    let rows: Vec<String> = folder.read("obs.txt").lines().map(str::to_owned).collect();
+    let is_far = |row: &usize| row.checked_sub(1).is_some_and(|step| far.contains(&step));
+    let kept: Vec<&str> = (0..rows.len()).filter(|row| !is_far(row)).map(|row| rows[row].as_str()).collect();
+    let spoilt: Vec<String> = (0..rows.len())
+        .map(|row| if is_far(&row) { format!("{} {row}", all[row - 1]) } else { rows[row].clone() })
+        .collect();
+    folder.write("obs.txt", spoilt.join("\n") + "\n").write("less.txt", kept.join("\n") + "\n");
+    simulate(&folder, "samples.txt", "ensemble.txt", &all, curve);
+    simulate(&folder, "samples.txt", "fewer.txt", &near, curve);
+    let table = |name: &str, first: usize| {
+        let row = |step: &usize| format!("{name} {}\n", step + first);
+        format!("observable step\n{}", far.iter().map(row).collect::<String>())
+    };
+    folder.write("far.txt", table("y", 0)).write("far-of-test.txt", table("two.y", 0));
+    folder
+        .run(&format!("{CALL} --noise y=0.02 --outliers far.txt --loo-out loo.txt --curves-out curves.txt"));
+    let without = folder.read("summary.txt");
+    assert_eq!(folder.column("loo.txt", "control"), near);
+    assert_eq!(folder.column("curves.txt", "control"), near);
+    let fewer = CALL.replace("obs.txt", "less.txt").replace("ensemble.txt", "fewer.txt");
+    folder.run(&format!("{fewer} --noise y=0.02"));
+    assert_eq!(without, folder.read("summary.txt"));
+
+    let tests = |obs: &str, ensemble: &str| {
+        format!(
+            "gl-posterior -p params.txt -s samples.txt --test one:less.txt:x:y:y=0.02 --test two:{obs}:x:y:y=0.02 \
+             one=fewer.txt two={ensemble} --summary summary.txt -o draws.txt"
+        )
+    };
+    folder.run(&format!("{} --outliers far-of-test.txt --loo-out loo.txt", tests("obs.txt", "ensemble.txt")));
+    let without = folder.read("summary.txt");
+    assert_eq!(folder.column("loo.txt", "control"), [near.clone(), near].concat());
+    folder.run(&tests("less.txt", "fewer.txt"));
+    assert_eq!(without, folder.read("summary.txt"));
+
+    folder.write("far.txt", "observable step\ny 20\n");
+    folder.refuses(&format!("{CALL} --outliers far.txt"), &["far.txt", "step 20 of y is none of 0:20"]);
+}
+
 #[test]
 fn a_batch_that_comes_out_as_predicted_proves_the_posterior() {
     let folder = measured(40, 0.0, 1.0, |x| curve(&[0.4, 0.6], x));
@@ -435,7 +480,7 @@ fn a_measurement_that_alternates_is_a_bad_fit_for_all_who_look() {
     simulate(&folder, "samples.txt", "ensemble.txt", &control(80), curve);
     folder.run(&format!("{CALL} --noise y=0.02"));
     let said = verdicts(&folder).find("noise-alternates").unwrap().text.clone();
-    assert!(said.contains("changes its sign from reading to reading more than noise does"), "{said}");
+    assert!(said.contains("changes its sign with every reading or two more than noise does"), "{said}");
     assert!(folder.quantity("summary.txt", "chi_square_p") > 0.01, "its size is that of noise");
     let output = folder.call("gl-check-stop --error-tol 1 summary.txt", "");
     let text = String::from_utf8(output.stderr).unwrap();

@@ -20,6 +20,7 @@ use gl_gap::attribute::problem::Problem;
 use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::problem::test::Test;
 use gl_gap::attribute::self_check::{Design, self_check, summary};
+use gl_gap::attribute::verdict::noise::found as found_noise;
 use gl_gap::attribute::verdict::verdict;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{Observations, Steps};
@@ -89,6 +90,10 @@ struct Args {
     /// observable, step
     #[arg(long, value_name = "FILE")]
     outliers_out: Option<PathBuf>,
+    /// Also write how many times the stated noise readings scatter under the first hypothesis, where otherwise than stated, for
+    /// gl-gap-locate: observable, scale
+    #[arg(long, value_name = "FILE")]
+    noise_out: Option<PathBuf>,
     /// Also write the mean curve of the base model, of each likely hypothesis and of the three likeliest with effects:
     /// hypothesis, probability, step, control, observables; with --test instead
     /// hypothesis, probability, test, observable, step, control, predicted
@@ -197,8 +202,15 @@ fn check(args: &Args) -> Result<()> {
     }
     let outputs =
         [&args.output, &args.effects_out, &args.predict_shrink, &args.posterior_out, &args.rest_out];
-    let more =
-        [&args.rig_out, &args.outliers_out, &args.curves_out, &args.draws_out, &args.next_out, &args.verdict];
+    let more = [
+        &args.rig_out,
+        &args.outliers_out,
+        &args.noise_out,
+        &args.curves_out,
+        &args.draws_out,
+        &args.next_out,
+        &args.verdict,
+    ];
     gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
@@ -281,6 +293,9 @@ fn write_beside(
     }
     if let Some(path) = &args.outliers_out {
         write_outliers(path, problem, diagnosis, tests)?;
+    }
+    if let Some(path) = &args.noise_out {
+        write_noise(path, problem, diagnosis)?;
     }
     if let Some(path) = &args.curves_out {
         write_curves(path, tests, observations, diagnosis)?;
@@ -368,6 +383,14 @@ fn write_outliers(
                 table.text(&problem.observables[j]).number((first + step) as f64).end_row()?;
             }
         }
+    }
+    table.finish()
+}
+
+fn write_noise(path: &Path, problem: &Problem<'_>, diagnosis: &Diagnosis) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["observable", "scale"])?;
+    for (observable, scale) in found_noise(problem, diagnosis.first()) {
+        table.text(observable).number(scale).end_row()?;
     }
     table.finish()
 }

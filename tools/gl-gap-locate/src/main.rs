@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
-use gl_cli::measured::{Measured, Outliers, Part};
+use gl_cli::measured::{FoundNoise, Measured, Outliers, Part};
 use gl_gap::locate::{Located, Stretch, fits_tests, locate_tests, named, verdict_of_tests};
 use gl_inference::units::Units;
 use gl_inference::weights::Weights;
@@ -26,6 +26,8 @@ struct Args {
     weights: PathBuf,
     #[command(flatten)]
     outliers: Outliers,
+    #[command(flatten)]
+    noise: FoundNoise,
     /// Units of the controls, for the sentences, as in u=mm
     #[arg(long, value_name = "NAME=UNIT,…", default_value = "")]
     units: Units,
@@ -55,7 +57,7 @@ Example (the measurement rises by 1 halfway, the one run does not):
 fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
-    let parts = args.outliers.left_out_of(parts)?;
+    let parts = args.noise.counted_in(args.outliers.marked_in(parts)?)?;
     let weights = Weights::read(&args.weights)?;
     let of_runs = weights.of_runs(&parts[0].ensemble)?;
     let tests: Vec<Located> = parts

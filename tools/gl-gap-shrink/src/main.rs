@@ -129,7 +129,7 @@ fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let measurement = args.measured.read()?;
     let (parts, before) = args.before.read(&measurement)?;
-    let parts = args.outliers.left_out_of(parts)?;
+    let parts = args.outliers.marked_in(parts)?;
     let (_, after) = args.after.read(&measurement)?;
     let unseen = match &measurement.stack {
         Some(_) => unseen_of_tests(args, &parts)?,

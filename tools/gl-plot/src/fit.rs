@@ -1,5 +1,6 @@
 //! The measurement, what the calibrated runs make of it, and what is left over.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
@@ -89,12 +90,12 @@ impl Fit {
         };
         let of_draws = self.posterior.as_deref().map(Draws::read).transpose()?;
         let mut curves = Vec::new();
-        for Part { name, observations, noise, ensemble, .. } in &parts {
+        for Part { name, first, observations, noise, ensemble } in &parts {
             let of_runs = predict(ensemble, &weight)?;
             for (j, observable) in observations.names.iter().enumerate() {
                 let name = named(name, observable);
                 let [mean, low, high] = match &of_draws {
-                    Some(draws) => draws.of(&name, observations.steps())?,
+                    Some(draws) => draws.of(&name, *first..*first + observations.steps())?,
                     None => [
                         of_runs[j].iter().map(|moments| moments.mean).collect(),
                         of_runs[j].iter().map(|moments| moments.quantiles[0]).collect(),
@@ -221,16 +222,27 @@ impl<'a> Draws<'a> {
         Ok(Self { source, rows: Table::read(source)?.rows()? })
     }
 
-    /// Mean and the ends of the band of an observable, each of shape (steps,).
-    fn of(&self, observable: &str, steps: usize) -> Result<[Vec<f64>; 3]> {
+    /// Mean and the ends of the band of an observable at these steps, each of shape (steps,); where a reading was left out
+    /// as one that is far off, on a line between its neighbours.
+    fn of(&self, observable: &str, steps: Range<usize>) -> Result<[Vec<f64>; 3]> {
         let rows: Vec<&Predicted> = self.rows.iter().filter(|row| row.observable == observable).collect();
+        let is_within = rows.iter().all(|row| steps.contains(&row.step));
+        let is_in_order = rows.windows(2).all(|pair| pair[0].step < pair[1].step);
         ensure!(
-            rows.len() == steps,
-            "{}: {} steps of {observable} where the measurement has {steps}",
+            is_within && is_in_order && 2 * rows.len() > steps.len(),
+            "{}: {} steps of {observable} where the measurement has {}",
             self.source.display(),
-            rows.len()
+            rows.len(),
+            steps.len()
         );
-        let column = |of: fn(&Predicted) -> f64| rows.iter().map(|row| of(row)).collect();
+        let at = |step: usize, of: fn(&Predicted) -> f64| {
+            let after = rows.partition_point(|row| row.step < step).min(rows.len() - 1);
+            let before = if rows[after].step > step { after.saturating_sub(1) } else { after };
+            let (a, b) = (rows[before], rows[after]);
+            let share = (step.max(a.step) - a.step) as f64 / (b.step - a.step).max(1) as f64;
+            of(a) + share.min(1.0) * (of(b) - of(a))
+        };
+        let column = |of: fn(&Predicted) -> f64| steps.clone().map(|step| at(step, of)).collect();
         Ok([column(|row| row.mean), column(|row| row.q05), column(|row| row.q95)])
     }
 }
@@ -350,5 +362,31 @@ impl Paints {
             let bars = control.iter().zip(low.iter().zip(high)).map(|(x, (low, high))| (*x, *low, *high));
             panel.bars("noise", bars, self.noise_bar);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reading_that_was_left_out_is_drawn_between_its_neighbours() {
+        let row = |step: usize| Predicted {
+            observable: "f".to_owned(),
+            step,
+            control: step as f64,
+            mean: (step * step) as f64,
+            sd: 0.0,
+            q05: 0.0,
+            q50: 0.0,
+            q95: 1.0,
+        };
+        let draws = Draws { source: Path::new("curves.txt"), rows: [3, 4, 7, 8].map(row).into() };
+        let [mean, ..] = draws.of("f", 2..10).unwrap_or_default();
+        assert_eq!(mean, Vec::<f64>::new(), "of half of the readings nothing is drawn");
+        let [mean, low, high] = draws.of("f", 2..9).unwrap_or_default();
+        assert_eq!(mean, [9.0, 9.0, 16.0, 27.0, 38.0, 49.0, 64.0]);
+        assert_eq!((low, high), (vec![0.0; 7], vec![1.0; 7]));
+        assert!(draws.of("f", 4..9).is_err() && draws.of("g", 3..9).is_err());
     }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail, ensure};
 use clap::Parser;
-use gl_cli::measured::{Measured, Measurement};
+use gl_cli::measured::{Measured, Measurement, Outliers};
 use gl_emulator::posterior::{Inference, Options, Question, infer};
 use gl_inference::loo::{self, LeftOut, Reading};
 use gl_inference::misfit::{Covariance, Scaling};
@@ -30,6 +30,8 @@ struct Args {
     samples: Vec<PathBuf>,
     #[command(flatten)]
     measured: Measured,
+    #[command(flatten)]
+    outliers: Outliers,
     /// What an unknown noise is a share of: max, value, range or none
     #[arg(long, value_name = "SCALE", default_value = "max")]
     scale: Scaling,
@@ -120,7 +122,7 @@ fn run(args: &Args) -> Result<()> {
     let tables = args.samples.iter().map(|path| Samples::read(path)).collect::<Result<Vec<_>>>()?;
     let newest = if tables.len() > 1 { tables[tables.len() - 1].names.clone() } else { Vec::new() };
     let samples = Samples::concatenate(tables)?;
-    let measurement = args.measured.read()?;
+    let measurement = args.outliers.marked_in_all(args.measured.read()?)?;
     let ensemble = measurement.ensemble("gl-posterior", &args.ensembles)?;
     ensure!(args.num >= 2, "-n {}: give at least 2 draws", args.num);
     if let Some(next) = args.next.filter(|next| *next > MOST_NEXT) {

@@ -65,6 +65,7 @@ impl Iteration<'_> {
         let call = samples.iter().fold(call, |call, table| call.flag("-s", table));
         let call = if case.white { call.arg("--white") } else { call };
         all_tests(call, case)
+            .file("--outliers", case.outliers.as_deref())
             .option("--scatter", case.scatter)
             .option("--seed", Some(case.seed + self.number as u64))
             .option("--next", Some(runs))
@@ -132,7 +133,8 @@ impl Iteration<'_> {
 
     /// From here on the weights of the runs have to do.
     fn fall_back(&self, why: &str) -> Result<bool> {
-        gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs"));
+        let all = if self.setting.case.outliers.is_some() { ", which take every reading" } else { "" };
+        gl_cli::note("gl-calibrate", format_args!("{why}; from here on by the weights of the runs{all}"));
         for file in [RUNS_WEIGHTS, "posterior-runs.txt", "posterior-weights.txt", CURVES, "loo.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }

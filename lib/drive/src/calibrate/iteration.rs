@@ -71,7 +71,11 @@ impl Known {
 impl Setting<'_> {
     /// What the settings are.
     pub(crate) fn given(&self) -> Vec<PathBuf> {
-        [self.case.file()].into_iter().chain(self.settings.clone()).collect()
+        [self.case.file()]
+            .into_iter()
+            .chain(self.settings.clone())
+            .chain(self.case.outliers.clone())
+            .collect()
     }
 
     pub(crate) fn folder(&self, i: usize) -> PathBuf {

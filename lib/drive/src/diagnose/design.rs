@@ -27,7 +27,7 @@ use gl_inference::samples::Samples;
 use gl_table::Table;
 use gl_table::verdict::Verdicts;
 
-use super::{Diagnosis, FORETOLD, OUTLIERS, RIG, WIDER_PRIOR, renew};
+use super::{Diagnosis, FORETOLD, NOISE, OUTLIERS, RIG, WIDER_PRIOR, renew};
 use crate::Progress;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::calibrate::emulated::of_test_or_none;
@@ -162,6 +162,7 @@ impl Diagnosis<'_> {
             "rest.txt",
             RIG,
             OUTLIERS,
+            NOISE,
             "curves.txt",
             "attribution-verdict.txt",
             "attribution.log",
@@ -477,6 +478,7 @@ impl Round<'_> {
             .flag("--rest-out", self.file("rest.txt"))
             .flag("--rig-out", self.file(RIG))
             .flag("--outliers-out", self.file(OUTLIERS))
+            .flag("--noise-out", self.file(NOISE))
             .flag("--curves-out", self.file("curves.txt"))
             .flag("--next-out", self.file("next.txt"))
             .option("--next", Some(self.made_next()?.unwrap_or(next)))

@@ -188,7 +188,7 @@ impl Inference {
             inflation: Some(if self.nuisances.inflation { self.variance().sqrt() } else { 1.0 }),
             correlation: Some(correlations.fold(0.0, f64::max)),
             independent_readings: Some(self.independent_readings),
-            alternation: self.left.alternates().then_some(self.left.correlation),
+            alternation: self.left.alternation,
             chi_square: self.chi_square.map(|test| test.value),
             chi_square_degrees: self.chi_square.map(|test| test.degrees),
             chi_square_p: self.chi_square.map(|test| test.p),
@@ -240,8 +240,7 @@ impl Inference {
     }
 
     fn say_of_noise(&self, verdicts: &mut Verdicts) {
-        if self.left.alternates() {
-            let correlation = self.left.correlation;
+        if let Some(correlation) = self.left.alternation {
             verdicts.add(
                 "noise-alternates",
                 format!("{correlation:.3}"),

@@ -73,7 +73,7 @@ pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> 
     let left: Vec<Vec<f64>> = (0..problem.ranges.len()).map(left).collect();
     let fit = test(&left, problem.prior.base().len());
     let is_all_noise = is_noise_alone && ignorance(problem, base) <= UNSEEN;
-    Some(fit).filter(|fit| fit.alternates() || is_all_noise && fit.is_bad())
+    Some(fit).filter(|fit| fit.alternation.is_some() || is_all_noise && fit.is_bad())
 }
 
 /// Whether an explanation fits only by a noise that is larger than another one needs.

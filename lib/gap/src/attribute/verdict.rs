@@ -2,7 +2,7 @@
 
 mod bounds;
 mod cause;
-mod noise;
+pub mod noise;
 mod rest;
 mod rivals;
 mod unseen;

@@ -129,6 +129,15 @@ pub fn goes_with(problem: &Problem<'_>, of: &Explanation) -> Result<Vec<GoesWith
 /// One shape by either branch that a turn may be counted to.
 const BRANCH: &str = "the branch (rising or falling)";
 
+/// Its own change by either measure of time: the way of the control, or the readings.
+const OWN_RATE: &str = "the rate of its own change";
+
+/// What tells by how fast the control went, where readings are evenly apart in time.
+const CONTROL_RATE: &str = "the rate of the control, with readings evenly apart in time";
+
+/// A control that is the time itself has no bedding, no branch and no rate.
+const TIMES: [&str; 9] = ["s", "sec", "ms", "us", "µs", "min", "h", "d", "a"];
+
 /// A shape along the control, of root mean square 1.
 struct Shape {
     what: String,
@@ -153,11 +162,16 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
         }
     };
     add("no change (a constant)", "an offset of the sensor", vec![1.0; steps]);
+    let is_time = test.control_unit.as_deref().is_some_and(|unit| TIMES.contains(&unit));
+    let of_kind = |of_way: &'static str, of_time: &'static str| if is_time { of_time } else { of_way };
     let since_start = |t: usize| (-travelled[t] / FADES).exp();
-    add("the start", "bedding, uneven ends or a late zero", (0..steps).map(since_start).collect());
+    let like = of_kind("bedding, uneven ends or a late zero", "a late start or a late zero");
+    add("the start", like, (0..steps).map(since_start).collect());
     let to_end = |t: usize| (-(1.0 - travelled[t]) / FADES).exp();
-    add("the end", "breakage of grains, a membrane or a drift", (0..steps).map(to_end).collect());
-    add("the way so far", "a drift of the sensor or creep", travelled.to_vec());
+    let like = of_kind("breakage of grains, a membrane or a drift", "what sets in late, or a drift");
+    add("the end", like, (0..steps).map(to_end).collect());
+    let way = of_kind("the way so far", "the time so far");
+    add(way, "a drift of the sensor or creep", travelled.to_vec());
     if !turns.is_empty() {
         // The reading at a turn may still be of the branch that ends there.
         let before = |t: usize| if control[t.max(1)] >= control[t.max(1) - 1] { 1.0 } else { -1.0 };
@@ -176,16 +190,20 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
         );
     }
     let own = &mean[problem.own(observable)];
-    let rate = |t: usize| {
-        let (before, after) = (t.saturating_sub(1), (t + 1).min(last));
-        let way = travelled[after] - travelled[before];
-        if way > 0.0 { (own[after] - own[before]) / way } else { 0.0 }
+    let about = |t: usize| (t.saturating_sub(1), (t + 1).min(last));
+    let change = |of: &[f64], t: usize| of[about(t).1] - of[about(t).0];
+    let by_way = |t: usize| {
+        let way = change(travelled, t);
+        if way > 0.0 { change(own, t) / way } else { 0.0 }
     };
-    add(
-        "the rate of its own change",
-        "a lag of the recording or viscous damping",
-        (0..steps).map(rate).collect(),
-    );
+    let by_reading = |t: usize| change(own, t) / (about(t).1 - about(t).0).max(1) as f64;
+    for rate in [(0..steps).map(by_way).collect(), (0..steps).map(by_reading).collect()] {
+        add(OWN_RATE, "a lag of the recording or viscous damping", rate);
+    }
+    if !is_time && is_uneven(travelled) {
+        let rate = |t: usize| change(control, t) / (about(t).1 - about(t).0).max(1) as f64;
+        add(CONTROL_RATE, "viscous damping, or a lag of the recording", (0..steps).map(rate).collect());
+    }
     for k in test.observables.clone() {
         let (name, level) = (&problem.observables[k], &mean[problem.own(k)]);
         add(
@@ -206,6 +224,14 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     shapes
 }
 
+/// Whether the ways from reading to reading differ by more than a fifth of their mean (root mean square).
+fn is_uneven(travelled: &[f64]) -> bool {
+    let ways: Vec<f64> = travelled.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mean = ways.iter().sum::<f64>() / ways.len().max(1) as f64;
+    let square = ways.iter().map(|way| (way - mean).powi(2)).sum::<f64>() / ways.len().max(1) as f64;
+    square.sqrt() > 0.2 * mean
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -213,6 +239,44 @@ mod tests {
     use super::*;
     use crate::attribute::diagnosis::diagnose;
     use crate::attribute::synthetic_world::{STEPS, Straight};
+
+    /// What comes first of what a rest of `y` goes with, which is added to a measurement at these places of the control.
+    fn goes_first(
+        control: impl Fn(usize) -> f64,
+        unit: Option<&str>,
+        more: impl Fn(usize) -> f64,
+    ) -> GoesWith {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+        observations.control = (0..STEPS).map(control).collect();
+        observations.values[0].iter_mut().enumerate().for_each(|(t, y)| *y += more(t));
+        let units = unit.map_or(String::new(), |unit| format!("x={unit}")).parse().unwrap();
+        let problem = predictor.problem(&prior, &observations).in_units(&units);
+        let diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let unknown = diagnosis.attribution.explanations.iter().find(|of| of.is_unknown()).unwrap();
+        goes_with(&problem, unknown).unwrap().remove(0)
+    }
+
+    #[test]
+    fn what_goes_with_how_fast_the_control_went_is_told_by_its_rate() {
+        // Fast in the second third.
+        let pace = |t: usize| if (STEPS / 3..2 * STEPS / 3).contains(&t) { 5.0 } else { 1.0 };
+        let control = |t: usize| (0..t).map(pace).sum::<f64>();
+        let found = goes_first(control, None, |t| 0.03 * (pace(t.saturating_sub(1)) + pace(t)));
+        assert_eq!((found.what.as_str(), found.share > 0.8), (CONTROL_RATE, true), "{found:?}");
+    }
+
+    #[test]
+    fn of_a_control_that_is_the_time_no_bedding_is_said() {
+        let late = |t: usize| 0.3 * (-((STEPS - 1 - t) as f64) / 2.6).exp();
+        for (unit, like) in [
+            (None, "breakage of grains, a membrane or a drift"),
+            (Some("s"), "what sets in late, or a drift"),
+        ] {
+            let found = goes_first(|t| t as f64, unit, late);
+            assert_eq!((found.what.as_str(), found.like), ("the end", like), "{found:?}");
+        }
+    }
 
     #[test]
     fn a_hysteresis_is_told_by_its_branch_whichever_the_reading_at_a_turn_belongs_to() {

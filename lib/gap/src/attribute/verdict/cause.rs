@@ -56,7 +56,7 @@ fn add_none(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosi
             ", if readings scatter {} times what was stated: their noise is larger, {other}",
             short(first.noise_scale)
         ),
-        Some(fit) if fit.alternates() => format!(", but what it leaves {}", alternation(fit.correlation)),
+        Some(Fit { alternation: Some(of), .. }) => format!(", but what it leaves {}", alternation(of)),
         Some(Fit { correlation, .. }) if correlation > CORRELATED => format!(
             ", if the noise is correlated: what it leaves is smoother than noise as it was stated (correlation {correlation:.2}), {other}"
         ),
@@ -555,7 +555,7 @@ mod tests {
         let alternating = said(0.012);
         assert_eq!(alternating.code, "unsettled");
         assert!(
-            alternating.text.contains("changes its sign from reading to reading"),
+            alternating.text.contains("changes its sign with every reading or two"),
             "{}",
             alternating.text
         );

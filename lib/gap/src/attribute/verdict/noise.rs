@@ -10,15 +10,19 @@ use gl_inference::path::short;
 /// Above this correlation from one reading to the next the noise is said to be correlated.
 const CORRELATED: f64 = 0.35;
 
+/// The observables whose readings scatter otherwise than stated under an explanation, and how many times that.
+pub fn found<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Vec<(&'a str, f64)> {
+    let scales = of.model(problem).nuisances(of.best()).scales;
+    let is_another = |(_, scale): &(&str, f64)| {
+        problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(scale)
+    };
+    problem.observables.iter().map(String::as_str).zip(scales).filter(is_another).collect()
+}
+
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let nuisances = first.model(problem).nuisances(first.best());
-    let scales = problem.observables.iter().map(String::as_str).zip(nuisances.scales.iter().copied());
-    let is_another = |&(_, scale): &(&str, f64)| {
-        problem.is_noise_stated && !(1.0 / OTHER_NOISE..OTHER_NOISE).contains(&scale)
-    };
-    let others: Vec<(&str, f64)> = scales.filter(is_another).collect();
-    add_scales(verdicts, &others, "the verdict is by what they do");
+    add_scales(verdicts, &found(problem, first), "the verdict is by what they do");
     for (j, name) in problem.observables.iter().enumerate() {
         if nuisances.phi[j] > CORRELATED {
             verdicts.add(
