@@ -105,12 +105,7 @@ pub fn evidence(model: &Model<'_>, modes: Vec<Mode>, aim: f64, random: &mut ChaC
         proposals.push(adapted);
     }
     let weights = normalised(&ln_weights)?;
-    let mut mean = vec![0.0; model.problem().observed.len()];
-    for (curve, weight) in curves.iter().zip(&weights) {
-        for (mean, y) in mean.iter_mut().zip(&curve.mean) {
-            *mean += weight * y;
-        }
-    }
+    let mean = mean_of(curves.iter().map(|curve| curve.mean.as_slice()), &weights);
     let samples = samples.iter().map(|sample| sample.as_slice().to_vec()).collect();
     Ok(Evidence { ln, error, modes, samples, weights, mean })
 }
@@ -253,6 +248,17 @@ fn flattened(ln_weights: &[f64], wanted: f64) -> Result<Vec<f64>> {
     Ok(effective(low)?.1)
 }
 
+/// The mean of curves, shape (readings,), by weights that sum to one. One without weight need not be finite: far out a curve
+/// that is seen through a logarithm goes beyond all numbers.
+fn mean_of<'a>(curves: impl Iterator<Item = &'a [f64]>, weights: &[f64]) -> Vec<f64> {
+    let mut mean = Vec::new();
+    for (curve, weight) in curves.zip(weights).filter(|(_, weight)| **weight > 0.0) {
+        mean.resize(curve.len(), 0.0);
+        mean.iter_mut().zip(curve).for_each(|(mean, y)| *mean += weight * y);
+    }
+    mean
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -263,6 +269,12 @@ mod tests {
 
     /// Patterns and their standard deviations.
     type Directions = Vec<(Vec<f64>, f64)>;
+
+    #[test]
+    fn a_curve_without_weight_is_in_no_mean_whatever_it_is() {
+        let curves = [[1.0, 2.0], [f64::INFINITY, f64::NAN], [3.0, 6.0]];
+        assert_eq!(mean_of(curves.iter().map(<[f64; 2]>::as_slice), &[0.5, 0.0, 0.5]), [2.0, 4.0]);
+    }
 
     /// ln N(y; mean, N + small discrepancy + rest + Σ patternᵢ sdᵢ²), the closed form at nuisances: N is
     /// autoregressive.
