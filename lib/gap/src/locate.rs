@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use super::noise::{Noise, check_steps, scale, standard_normal};
 use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
-use super::standardised::standardised;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::fit::{self, ALTERNATES, CORRELATED, Fit, ON_ALTERNATING};
 use gl_inference::observations::Observations;
@@ -82,8 +81,8 @@ pub fn locate(
     noise_sd: Option<&[Vec<f64>]>,
     seed: u64,
 ) -> Result<Vec<Stretch>> {
-    let mut stretches =
-        stretches(observations, ensemble, weights, parameters, noise_sd, (FALSE_ALARMS, seed))?;
+    let test = Located { observations, ensemble, noise_sd, weights };
+    let mut stretches = stretches(&test, parameters, (FALSE_ALARMS, seed))?;
     share_out(stretches.iter_mut());
     Ok(stretches)
 }
@@ -108,40 +107,60 @@ pub struct Located<'a> {
 /// As [`locate`].
 pub fn locate_tests(tests: &[Located<'_>], parameters: usize, seed: u64) -> Result<Vec<Vec<Stretch>>> {
     let alarms = FALSE_ALARMS / tests.len().max(1) as f64;
-    let of = |test: &Located<'_>| {
-        let Located { observations, ensemble, noise_sd, weights } = *test;
-        stretches(observations, ensemble, weights, parameters, noise_sd, (alarms, seed))
-    };
+    let of = |test| stretches(test, parameters, (alarms, seed));
     let mut located = tests.iter().map(of).collect::<Result<Vec<_>>>()?;
     share_out(located.iter_mut().flatten());
     Ok(located)
 }
 
+/// What a calibration leaves of a test, and what may have made it beside a gap.
+struct Left {
+    /// Measurement minus posterior mean, shape (observables, steps).
+    gap: Vec<Vec<f64>>,
+    scales: Vec<f64>,
+    /// Standard deviation of the noise, and of what the directions leave out of the posterior spread, where it is known.
+    noise_sd: Option<Vec<Vec<f64>>>,
+    /// Directions of the posterior spread, each of shape (observables · steps).
+    directions: Vec<Vec<f64>>,
+}
+
+impl Left {
+    fn of(test: &Located<'_>, parameters: usize) -> Result<Self> {
+        let &Located { observations, ensemble, noise_sd, weights } = test;
+        let gap = gap(observations, ensemble, weights)?;
+        check_steps(observations, noise_sd)?;
+        let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
+        let first = Noise::estimate(&gap, noise_sd, &scales);
+        let first_sd: Vec<Vec<f64>> = first.iter().map(|noise| noise.sd.clone()).collect();
+        let Spread { directions, rest } = spread(ensemble, weights, parameters, &first_sd);
+        let noise_sd = noise_sd.map(|sd| {
+            let rest = rest.chunks(observations.steps());
+            sd.iter()
+                .zip(rest)
+                .map(|(sd, rest)| sd.iter().zip(rest).map(|(sd, r)| sd.hypot(r.sqrt())).collect())
+                .collect()
+        });
+        Ok(Self { gap, scales, noise_sd, directions })
+    }
+
+    /// What the directions of the posterior spread have not made of the gap, in standard deviations of white noise, shape
+    /// (observables, steps).
+    fn standardised(&self) -> Result<Vec<Vec<f64>>> {
+        let noises = Noise::estimate(&self.gap, self.noise_sd.as_deref(), &self.scales);
+        let white: Vec<Noise> = noises.into_iter().map(|noise| Noise { phi: 0.0, ..noise }).collect();
+        // Of what has the covariance N + L Lᵀ, N (N + L Lᵀ)⁻¹ is the part of N.
+        let solved = Precision::new(&white, &self.directions)?.apply(&self.gap.concat());
+        let of =
+            |(noise, solved): (&Noise, &[f64])| noise.sd.iter().zip(solved).map(|(sd, p)| sd * p).collect();
+        Ok(white.iter().zip(solved.chunks(self.gap[0].len())).map(of).collect())
+    }
+}
+
 /// The stretches of one test, with their excess in the place of a share.
-fn stretches(
-    observations: &Observations,
-    ensemble: &Ensemble,
-    weights: &[f64],
-    parameters: usize,
-    noise_sd: Option<&[Vec<f64>]>,
-    (alarms, seed): (f64, u64),
-) -> Result<Vec<Stretch>> {
-    let gap = gap(observations, ensemble, weights)?;
-    check_steps(observations, noise_sd)?;
-    let scales: Vec<f64> = observations.values.iter().map(|values| scale(values)).collect();
-    let first = Noise::estimate(&gap, noise_sd, &scales);
-    let first_sd: Vec<Vec<f64>> = first.iter().map(|noise| noise.sd.clone()).collect();
-    let Spread { directions, rest } = spread(ensemble, weights, parameters, &first_sd);
-    let known_sd: Option<Vec<Vec<f64>>> = noise_sd.map(|sd| {
-        let rest = rest.chunks(observations.steps());
-        sd.iter()
-            .zip(rest)
-            .map(|(sd, rest)| sd.iter().zip(rest).map(|(sd, r)| sd.hypot(r.sqrt())).collect())
-            .collect()
-    });
-    let problem =
-        Problem { noise_sd: known_sd, scales, directions, cuts: cuts(observations.steps()), alarms };
-    problem.solve(&gap, seed)
+fn stretches(test: &Located<'_>, parameters: usize, (alarms, seed): (f64, u64)) -> Result<Vec<Stretch>> {
+    let Left { gap, scales, noise_sd, directions } = Left::of(test, parameters)?;
+    let cuts = cuts(gap[0].len());
+    Problem { noise_sd, scales, directions, cuts, alarms }.solve(&gap, seed)
 }
 
 /// What does not change from one replicate to the next.
@@ -298,31 +317,16 @@ fn cuts(steps: usize) -> Vec<usize> {
     (0..steps).step_by(stride).chain([steps]).collect()
 }
 
-/// What a fit leaves of the measurement, in standard deviations of noise and posterior spread together, by the
-/// test that all tools share. The size of a noise that is estimated is no evidence; how neighbours differ is.
+/// What a calibration leaves of tests beside the spread of its posterior, by the test of a fit that all tools share. The size
+/// of a noise that is estimated is no evidence; how neighbours differ is.
 ///
 /// * `parameters` — how many parameters were calibrated.
 ///
 /// # Errors
 /// As [`locate`].
-pub fn fits(
-    observations: &Observations,
-    ensemble: &Ensemble,
-    weights: &[f64],
-    parameters: usize,
-    noise_sd: Option<&[Vec<f64>]>,
-) -> Result<Fit> {
-    Ok(fit::test(&standardised(observations, ensemble, weights, noise_sd)?, parameters))
-}
-
-/// [`fits`] of several tests together.
-///
-/// # Errors
-/// As [`locate`].
-pub fn fits_tests(tests: &[Located<'_>], parameters: usize) -> Result<Fit> {
-    let of = |test: &Located<'_>| standardised(test.observations, test.ensemble, test.weights, test.noise_sd);
-    let left = tests.iter().map(of).collect::<Result<Vec<_>>>()?;
-    Ok(fit::test(&left.concat(), parameters))
+pub fn fits(tests: &[Located<'_>], parameters: usize) -> Result<Fit> {
+    let left = tests.iter().map(|test| Left::of(test, parameters)?.standardised());
+    Ok(fit::test(&left.collect::<Result<Vec<_>>>()?.concat(), parameters))
 }
 
 /// What is concluded, for people and for programs.
@@ -463,6 +467,32 @@ mod tests {
     fn alarms(replicates: u64, phi: f64, runs: usize, known: bool) -> usize {
         let alarm = |seed| located(seed, &none(), phi, runs, known).iter().any(|stretch| stretch.significant);
         (0..replicates).filter(|&seed| alarm(seed)).count()
+    }
+
+    /// What is left of a posterior that is many times wider than the noise.
+    fn fit_of_a_wide_posterior(seed: u64, gap: &[Vec<f64>]) -> Fit {
+        let case = case(seed, gap, 0.0, 60, 6.0);
+        let weights = vec![1.0 / 60.0; 60];
+        let test = Located {
+            observations: &case.observations,
+            ensemble: &case.ensemble,
+            noise_sd: Some(&case.noise_sd),
+            weights: &weights,
+        };
+        fits(&[test], PARAMETERS).unwrap()
+    }
+
+    #[test]
+    fn what_the_parameters_cannot_make_is_no_fit_however_wide_their_posterior_is() {
+        let bad = (0..200).filter(|&seed| fit_of_a_wide_posterior(seed, &none()).is_bad()).count();
+        assert!(bad <= 5, "{bad} of 200 where there is no gap");
+        let jump = |t: usize| if (t / 4).is_multiple_of(2) { 1.5 } else { -1.5 };
+        let gap = vec![(0..STEPS).map(jump).collect(); 2];
+        let bad = |seed: &u64| {
+            let fit = fit_of_a_wide_posterior(*seed, &gap);
+            fit.is_bad() && (1.5..2.2).contains(&fit.scatter)
+        };
+        assert!((0..20).filter(bad).count() >= 19, "{:?}", fit_of_a_wide_posterior(0, &gap));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl_cli::measured::{FoundNoise, Measured, Outliers, Part};
-use gl_gap::locate::{Located, Stretch, fits_tests, locate_tests, named, verdict_of_tests};
+use gl_gap::locate::{Located, Stretch, fits, locate_tests, named, verdict_of_tests};
 use gl_inference::units::Units;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -70,7 +70,7 @@ fn run(args: &Args) -> Result<()> {
         })
         .collect();
     let located = locate_tests(&tests, weights.varying(), args.seed)?;
-    let fit = fits_tests(&tests, weights.varying())?;
+    let fit = fits(&tests, weights.varying())?;
     let told = parts.iter().zip(&located);
     let told: Vec<_> =
         told.map(|(part, found)| (part.name.as_str(), &part.observations, found.as_slice())).collect();
