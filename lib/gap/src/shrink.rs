@@ -347,7 +347,8 @@ fn found_noise(stated: &[Vec<f64>], gap: &[Vec<f64>], hat: &Hat, runs: &[Vec<Vec
         let is_little = ChiSquared::new(expected.max(1.0)).is_ok_and(|chi| chi.cdf(square(&gap[j])) < CHANCE);
         let less = (square(&gap[j]) / expected.max(1.0)).sqrt();
         let rough = |curve: &[f64]| white_variance(&in_units(curve)).unwrap_or(0.0);
-        let more = (rough(&gap[j]) - mean(&rough)).max(0.0).sqrt();
+        // It is no rougher than it is large.
+        let more = (rough(&gap[j]) - mean(&rough)).max(0.0).sqrt().min(less);
         let told = TOLD_BY_DIFFERENCES * gap[j].len() as f64;
         let is_much = ChiSquared::new(told.max(1.0))
             .is_ok_and(|chi| chi.sf(told * more * more) < CHANCE / stated.len() as f64);

@@ -74,12 +74,19 @@ impl Path {
         self.travelled.iter().enumerate().map(|(t, way)| 0.5 * (way + t as f64 / last)).collect()
     }
 
-    /// A curve as it was a way `lag` earlier, in units of the control, across turning points. What was there before the
-    /// test began is what it began with.
+    /// A curve as it was a way `lag` earlier, in units of the control, across turning points, at which it may have kinks. What
+    /// was there before the test began is what it began with.
     pub fn delayed(&self, curve: &[f64], lag: f64) -> Vec<f64> {
         let whole: f64 = self.control.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
         let share = if whole > 0.0 { lag / whole } else { 0.0 };
-        self.travelled.iter().map(|&at| interpolate(&self.travelled, curve, (at - share).max(0.0))).collect()
+        let branches = self.branches();
+        let seen = |&at: &f64| {
+            let then = (at - share).max(0.0);
+            let is_before = |branch: &&Range<usize>| self.travelled[branch.end - 1] >= then;
+            let of = branches.iter().find(is_before).cloned().unwrap_or(0..curve.len());
+            interpolate(&self.travelled[of.clone()], &curve[of], then)
+        };
+        self.travelled.iter().map(seen).collect()
     }
 
     /// The branches in their order: the last step of one, where the control turns, is the first one of the next.

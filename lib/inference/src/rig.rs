@@ -142,7 +142,8 @@ fn where_it_bears(load: f64, on: impl Fn(f64) -> f64, (control, specimen, turn):
     0.5 * (near + far)
 }
 
-/// Where a function that rises with slopes of about 1 or more is zero, by Newton's method from nearby.
+/// Where a function that rises with slopes of about 1 or more is zero, by Newton's method from nearby; within the range of it
+/// where it falls, as under a load that the control takes away faster than the rig can follow.
 fn root(of: impl Fn(f64) -> f64, from: f64, range: f64) -> f64 {
     /// Differences that slopes are taken by, and how near is near enough, as shares of the range.
     const STEP: f64 = 1e-5;
@@ -153,8 +154,11 @@ fn root(of: impl Fn(f64) -> f64, from: f64, range: f64) -> f64 {
     for _ in 0..30 {
         let (value, ahead) = (of(at), of(at + STEP * range));
         let away = value / ((ahead - value) / (STEP * range)).max(LEAST_SLOPE);
-        at -= away;
-        if away.abs() <= NEAR * range || !away.is_finite() {
+        if !away.is_finite() {
+            break;
+        }
+        at = (at - away).clamp(from - range, from + range);
+        if away.abs() <= NEAR * range {
             break;
         }
     }
@@ -317,6 +321,16 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+
+    #[test]
+    fn a_rig_gives_way_within_its_range_under_a_load_that_falls_faster_than_it_follows() {
+        let path = Path::new(&(0..20).map(f64::from).collect::<Vec<_>>());
+        for compliance in [0.01, 0.3, 2.0, 50.0] {
+            let mut curve: Vec<f64> = (0..20).map(|t| 100.0 * (-0.5 * f64::from(t)).exp()).collect();
+            Kind::Compliance.apply(compliance, 0, &path, &mut curve);
+            assert!(curve.iter().all(|y| y.abs() <= 150.0), "{compliance}: {curve:?}");
+        }
+    }
 
     /// A measurement at the steps 0, 1 and 2 of the control.
     fn measured(observables: &[&str]) -> Observations {

@@ -56,6 +56,8 @@ struct Answer {
     is_unproven: bool,
     /// Whether runs with it in the simulation leave it open that the gap closes at all.
     is_refuted: bool,
+    /// How much of the gap closed with it in the simulation, in per cent, where that is less than half.
+    closed: Option<String>,
 }
 
 /// How many runs something took.
@@ -253,6 +255,7 @@ impl Content {
             value: first.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
             is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
+            closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();

@@ -69,6 +69,14 @@ pub fn closes_nothing(said: &[Sentence]) -> bool {
     is_said("grows") || is_said("may-not-close") && !is_said("closes-in")
 }
 
+/// How much of the gap closed by an effect that was put in, in per cent, where that is less than half.
+pub fn closes_little(said: &[Sentence]) -> Option<String> {
+    let closes =
+        said.iter().find(|sentence| matches!(sentence.code.as_str(), "closes" | "closes-by-noise"))?;
+    let share: f64 = closes.value.parse().ok()?;
+    (share < 0.5).then(|| format!("{:.0}", 100.0 * share))
+}
+
 /// Whether a code answers what a diagnosis was asked, so that it is said first.
 pub fn is_answer(code: &str) -> bool {
     ANSWERS.contains(&code)
@@ -92,6 +100,16 @@ mod tests {
         };
         assert!(said(&["may-not-close"]) && said(&["grows", "closes-in"]));
         assert!(!said(&["may-not-close", "closes-in"]) && !said(&["closes"]) && !said(&["closes-by-noise"]));
+    }
+
+    #[test]
+    fn what_closes_less_than_half_of_a_gap_is_said_to() {
+        let closes = |code: &str, value: &str| {
+            let (code, value, text) = (code.to_owned(), value.to_owned(), String::new());
+            closes_little(&[Sentence { code, value, text }])
+        };
+        assert_eq!(closes("closes", "0.274"), Some("27".to_owned()));
+        assert_eq!((closes("closes", "0.8"), closes("closes-in", "0.1")), (None, None));
     }
 
     #[test]

@@ -25,11 +25,6 @@ impl Candidate {
     pub fn is_measured(&self) -> bool {
         matches!(self, Self::Measured(_))
     }
-
-    /// Whether it is an error of the control, of which no reading can be corrected.
-    pub fn is_of_control(&self) -> bool {
-        matches!(self, Self::Measured(error) if error.kind.is_of_control())
-    }
 }
 
 /// A set of candidates that are in, as ascending positions in the list of candidates.

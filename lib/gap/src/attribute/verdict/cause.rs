@@ -19,6 +19,10 @@ use gl_inference::path::short;
 /// Shares of the gap that differ by more are two, and their units are said.
 const ANOTHER: f64 = 0.05;
 
+/// An effect beside a rest that closes less than this may be what imitates it.
+const NEARLY_ALL: f64 = 0.9;
+const IMITATED: &str = "; what is no candidate and looks like it would be named so, too";
+
 /// The cause, or why there is none.
 pub(super) fn add(
     verdicts: &mut Verdicts,
@@ -197,10 +201,11 @@ fn add_effects(
         )
     } else if first.has_rest {
         format!(
-            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}{}",
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}{}{}",
             percent(first.closes),
             if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
             rest::places(problem, first),
+            if first.closes < NEARLY_ALL { IMITATED } else { "" },
             beyond_belief(diagnosis)
         )
     } else {
@@ -235,21 +240,15 @@ fn add_effects(
     Ok(())
 }
 
-/// What it takes for the gap to close: effects are put into the simulation, and errors of the rig are taken out of the
-/// measurement.
+/// What it takes for the gap to close: effects are put into the simulation, and its runs have the errors of the rig.
 fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
     let (errors, effects): (Vec<usize>, Vec<usize>) =
         of.hypothesis.iter().copied().partition(|&candidate| problem.candidates[candidate].is_measured());
     let named = |of: &[usize]| name(of, &problem.candidates);
-    let is_of_control = errors.iter().any(|&error| problem.candidates[error].is_of_control());
-    match (effects.is_empty(), errors.is_empty(), is_of_control) {
-        (_, true, _) => "adding it".to_owned(),
-        (true, false, true) => "runs that have it".to_owned(),
-        (true, false, false) => "taking it out of the measurement".to_owned(),
-        (false, false, true) => format!("adding {}, in runs that have {},", named(&effects), named(&errors)),
-        (false, false, false) => {
-            format!("adding {}, and taking {} out of the measurement,", named(&effects), named(&errors))
-        }
+    match (effects.is_empty(), errors.is_empty()) {
+        (_, true) => "adding it".to_owned(),
+        (true, false) => "runs that have it".to_owned(),
+        (false, false) => format!("adding {}, in runs that have {},", named(&effects), named(&errors)),
     }
 }
 
@@ -370,22 +369,18 @@ mod tests {
     }
 
     #[test]
-    fn what_has_to_be_taken_out_of_the_measurement_is_not_put_into_the_simulation() {
+    fn an_error_of_the_rig_is_had_by_runs_and_not_put_into_the_simulation() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let mut problem = predictor.problem(&prior, &observations);
-        problem.candidates.extend(lag());
+        let problem = predictor.problem(&prior, &observations);
         let mut of = diagnose(&problem, 1, 1).unwrap().first().clone();
         let mut said = |hypothesis: &[usize]| {
             of.hypothesis = hypothesis.to_vec();
             adding(&problem, &of)
         };
         assert_eq!(said(&[0]), "adding it");
-        assert_eq!(said(&[1]), "taking it out of the measurement");
-        assert_eq!(said(&[0, 1]), "adding wave, and taking offset(y) out of the measurement,");
-        // No reading can be corrected for an error of the control.
-        assert_eq!(said(&[2]), "runs that have it");
-        assert_eq!(said(&[0, 2]), "adding wave, in runs that have lag,");
+        assert_eq!(said(&[1]), "runs that have it");
+        assert_eq!(said(&[0, 1]), "adding wave, in runs that have offset(y),");
     }
 
     #[test]
