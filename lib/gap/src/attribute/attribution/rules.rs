@@ -43,8 +43,12 @@ const CLOSES_NEARLY_ALL: [(f64, f64); 2] = [(0.7, 0.0), (NEARLY_ALL, 2.0)];
 const LIKELY: f64 = 0.75;
 
 /// What is kept of the probability of a single effect beside a rest at least, however little of the gap it closes, by the ln odds
-/// that it is ahead of something unknown alone after all that it loses: a form that no rest has is in the measurement.
-const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (12.0, 1.0)];
+/// that it is ahead of something unknown alone after all that it loses: a form that no rest has is in the measurement. Not all,
+/// however far ahead: a rest is smooth, and what is no candidate may have a jump or a turn where one has it.
+const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (FAR, 0.9)];
+
+/// From so many ln odds on it is far ahead.
+const FAR: f64 = 12.0;
 
 /// ln odds that answers lose to something unknown where they hold only beyond what was believed of the base model: one that may
 /// do what nobody believes it does takes up most of what is no candidate, and an effect the rest of it.
@@ -85,15 +89,19 @@ impl Explanation {
     }
 
     /// What is kept of the probability of a single effect beside a rest at least, since it is far ahead of something unknown alone.
-    /// What is no candidate is not imitated like that, but by an error of the measurement.
+    /// What is no candidate is seldom imitated like that, but by an error of the measurement.
     fn kept_ahead_of(&self, unknown: &Self) -> f64 {
-        let is_asked = self.is_single_beside_a_rest() && !self.is_of_the_rig;
-        if is_asked { along(&FAR_AHEAD, self.ahead_of(unknown)) } else { 0.0 }
+        if self.has_a_form_of_its_own() { along(&FAR_AHEAD, self.ahead_of(unknown)) } else { 0.0 }
+    }
+
+    /// Whether it is a single effect beside a rest that no rest could be.
+    fn has_a_form_of_its_own(&self) -> bool {
+        self.is_single_beside_a_rest() && !self.is_of_the_rig
     }
 
     /// Whether it is so far ahead of something unknown alone that it is in it, whatever else is.
     fn is_far_ahead(&self, unknown: &Self) -> bool {
-        self.kept_ahead_of(unknown) >= 1.0
+        self.has_a_form_of_its_own() && self.ahead_of(unknown) >= FAR
     }
 
     /// Whether something unknown alone is no rival to it: it needs no rest, closes nearly all beside one, or is well ahead. An
@@ -437,7 +445,8 @@ mod tests {
         assert!(probability(4.0, 0.5) < 0.1);
         assert!((probability(11.0, 0.5) - kept(0.5)).abs() < 0.01);
         // What is far ahead is in it, however much else is.
-        assert!((probability(30.0, 0.3) - 1.0).abs() < 1e-6 && (probability(15.0, 0.0) - 1.0).abs() < 1e-5);
+        assert!((probability(30.0, 0.3) - 0.9).abs() < 1e-6 && (probability(15.0, 0.0) - 0.9).abs() < 1e-5);
+        assert!((probability(30.0, 0.9) - 1.0).abs() < 1e-6);
         // Somewhat ahead it is likelier than not.
         assert!((probability(10.0, 0.0) - 0.75).abs() < 1e-3);
         assert_eq!(probability(8.0, 0.0), 0.0);
@@ -452,7 +461,7 @@ mod tests {
             rule_out(&mut all);
             all[1].probability
         };
-        assert_eq!(probability(false), 1.0);
+        assert_eq!(probability(false), along(&CLOSES, 0.85));
         assert!((probability(true) - 0.5).abs() < 1e-12);
     }
 
