@@ -127,32 +127,32 @@ pub struct FoundNoise {
 }
 
 impl FoundNoise {
-    /// The tests with this noise in the place of that which was stated, if it is known.
+    /// How many times the stated noise the readings of each test scatter, shape (tests, observables): 1 where nothing is known.
     ///
     /// # Errors
     /// If the table cannot be read, one is of an observable that there is not, or no noise is stated, or none of a sensible size.
-    pub fn counted_in(&self, mut parts: Vec<Part>) -> Result<Vec<Part>> {
+    pub fn scales(&self, parts: &[Part]) -> Result<Vec<Vec<f64>>> {
         #[derive(serde::Deserialize)]
         struct Found {
             observable: String,
             scale: f64,
         }
-        let Some(table) = &self.noise_found else { return Ok(parts) };
+        let mut scales: Vec<Vec<f64>> =
+            parts.iter().map(|part| vec![1.0; part.observations.names.len()]).collect();
+        let Some(table) = &self.noise_found else { return Ok(scales) };
         let source = table.display();
         for Found { observable, scale } in Table::read(table)?.rows::<Found>()? {
-            let mut of_parts = parts.iter_mut().filter_map(|part| {
-                let place = part.observables().position(|name| name == observable)?;
-                Some(part.noise.as_mut().map(|noise| &mut noise[place]))
-            });
-            let noise = of_parts.next().with_context(|| format!("{source}: no observable {observable}"))?;
-            let noise = noise.with_context(|| format!("{source}: no noise of {observable} is stated"))?;
+            let place = |part: &Part| part.observables().position(|name| name == observable);
+            let found = parts.iter().enumerate().find_map(|(test, part)| Some((test, place(part)?)));
+            let (test, place) = found.with_context(|| format!("{source}: no observable {observable}"))?;
+            ensure!(parts[test].noise.is_some(), "{source}: no noise of {observable} is stated");
             ensure!(
                 scale.is_normal() && scale > 0.0,
                 "{source}: {scale} of {observable} is no size of a noise"
             );
-            noise.iter_mut().for_each(|sd| *sd *= scale);
+            scales[test][place] = scale;
         }
-        Ok(parts)
+        Ok(scales)
     }
 }
 

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::noise::{Noise, check_steps, scale, standard_normal};
+use super::noise::{Noise, check_steps, scale, standard_normal, white_variance};
 use super::precision::{Height, Interval, Precision};
 use super::residual::{Spread, gap, spread};
 use gl_inference::ensemble::Ensemble;
@@ -111,6 +111,30 @@ pub fn locate_tests(tests: &[Located<'_>], parameters: usize, seed: u64) -> Resu
     let mut located = tests.iter().map(of).collect::<Result<Vec<_>>>()?;
     share_out(located.iter_mut().flatten());
     Ok(located)
+}
+
+/// A stated noise, shape (observables, steps), as it was found to be, but no larger than what is left is rough: what is large
+/// and smooth may be a gap.
+///
+/// * `weights` — posterior weights of the runs, shape (runs,), summing to one.
+/// * `scales` — how many times the stated noise the readings were found to scatter, shape (observables,).
+///
+/// # Errors
+/// As [`locate`].
+pub fn noise_found(
+    observations: &Observations,
+    ensemble: &Ensemble,
+    weights: &[f64],
+    stated: &[Vec<f64>],
+    scales: &[f64],
+) -> Result<Vec<Vec<f64>>> {
+    let gap = gap(observations, ensemble, weights)?;
+    let found = |((gap, stated), scale): ((&Vec<f64>, &Vec<f64>), &f64)| {
+        let left: Vec<f64> = gap.iter().zip(stated).map(|(gap, sd)| gap / sd).collect();
+        let rough = white_variance(&left).map_or(1.0, f64::sqrt);
+        stated.iter().map(|sd| sd * scale.min(rough.max(1.0))).collect()
+    };
+    Ok(gap.iter().zip(stated).zip(scales).map(found).collect())
 }
 
 /// What a calibration leaves of a test, and what may have made it beside a gap.
@@ -493,6 +517,19 @@ mod tests {
             fit.is_bad() && (1.5..2.2).contains(&fit.scatter)
         };
         assert!((0..20).filter(bad).count() >= 19, "{:?}", fit_of_a_wide_posterior(0, &gap));
+    }
+
+    #[test]
+    fn a_noise_that_was_found_is_no_larger_than_what_is_left_is_rough() {
+        let case = case(3, &bump(), 0.0, 3000, 8.0);
+        let found = |stated: f64, scale: f64| {
+            let stated = vec![vec![stated; STEPS]; 2];
+            let of = (&case.observations, &case.ensemble, &case.weights);
+            noise_found(of.0, of.1, of.2, &stated, &[scale; 2]).unwrap()[0][0]
+        };
+        assert_eq!(found(2.0, 0.5), 1.0);
+        assert!((0.7..1.3).contains(&found(0.5, 2.0)), "{}", found(0.5, 2.0));
+        assert!((1.0..1.3).contains(&found(1.0, 3.0)), "{}", found(1.0, 3.0));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use gl_cli::measured::{FoundNoise, Measured, Outliers, Part};
-use gl_gap::locate::{Located, Stretch, fits, locate_tests, named, verdict_of_tests};
+use gl_gap::locate::{Located, Stretch, fits, locate_tests, named, noise_found, verdict_of_tests};
 use gl_inference::units::Units;
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
@@ -57,9 +57,15 @@ Example (the measurement rises by 1 halfway, the one run does not):
 fn run(args: &Args) -> Result<()> {
     gl_cli::distinct([args.output.as_ref(), args.verdict.as_ref()])?;
     let parts = args.measured.read()?.parts("gl-gap-locate", &args.ensembles)?;
-    let parts = args.noise.counted_in(args.outliers.marked_in(parts)?)?;
+    let mut parts = args.outliers.marked_in(parts)?;
     let weights = Weights::read(&args.weights)?;
     let of_runs = weights.of_runs(&parts[0].ensemble)?;
+    let scales = args.noise.scales(&parts)?;
+    for (Part { observations, noise, ensemble, .. }, scales) in parts.iter_mut().zip(&scales) {
+        if let Some(stated) = noise {
+            *noise = Some(noise_found(observations, ensemble, &of_runs, stated, scales)?);
+        }
+    }
     let tests: Vec<Located> = parts
         .iter()
         .map(|part| Located {
