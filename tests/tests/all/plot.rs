@@ -153,9 +153,12 @@ fn a_fit_shows_the_band_of_the_draws_where_it_is_given() {
     folder.0.write("curves.txt", table(4));
     let svg = folder.svg("fit -b obs.txt -c u -v f -w weights.txt --posterior curves.txt ensemble.txt");
     assert!(has_text(&svg, "posterior's mean") && has_text(&svg, "40"), "{svg}");
+    // A reading that is far off may have been left out of it, and not half of them.
     folder.0.write("curves.txt", table(3));
+    folder.svg("fit -b obs.txt -c u -v f -w weights.txt --posterior curves.txt ensemble.txt");
+    folder.0.write("curves.txt", table(2));
     let said = folder.error("fit -b obs.txt -c u -v f -w weights.txt --posterior curves.txt ensemble.txt");
-    assert!(said.contains("curves.txt: 3 steps of f where the measurement has 4"), "{said}");
+    assert!(said.contains("curves.txt: 2 steps of f where the measurement has 4"), "{said}");
 }
 
 #[test]
