@@ -225,7 +225,7 @@ fn a_diagnosis_of_two_tests_finds_the_effect_and_says_how_far_the_gap_closes_in_
     let by = verdicts.rows.iter().find(|row| row.code == "told-by").unwrap();
     let (rival, teller) =
         if by.text.contains("from lag(low)") { ("lag(low)", "high") } else { ("lag(high)", "low") };
-    assert!(by.text.starts_with(&format!("bending is told from {rival} by")), "{}", by.text);
+    assert!(by.text.starts_with(&format!("it is told from {rival} by")), "{}", by.text);
     assert!(by.value.split(',').any(|test| test == teller), "{}", by.value);
     let observables = folder.texts("out/locate.txt", "observable");
     assert!(observables.contains(&"low.y".to_owned()) && observables.contains(&"high.f".to_owned()));

@@ -20,7 +20,6 @@ pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis
     let Some((rival, tests)) = told(problem, &diagnosis.attribution.explanations, diagnosis.first()) else {
         return;
     };
-    let effects = name(&diagnosis.first().hypothesis, &problem.candidates);
     let (by, others): (Vec<&Told>, Vec<&Told>) = tests.iter().partition(|told| told.gain() >= TELLS);
     if by.is_empty() {
         return;
@@ -30,7 +29,7 @@ pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis
         each.collect::<Vec<_>>().join(", ")
     };
     let mut text = format!(
-        "{effects} is told from {} by {}: what either leaves there, fitted to all tests, in standard deviations of noise and scatter",
+        "it is told from {} by {}: what either leaves there, fitted to all tests, in standard deviations of noise and scatter",
         rival.name,
         listed(&by)
     );
