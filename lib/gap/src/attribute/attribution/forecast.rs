@@ -113,7 +113,10 @@ mod tests {
     fn asked(measurements: usize, variance: f64) -> (f64, Option<Effort>) {
         let (predictor, prior) = (Straight::unsure(variance), Straight::prior());
         let sd = 0.1 / (measurements as f64).sqrt();
-        let observations = Straight::measured(1.3, 0.6, 0.1, sd);
+        // Neighbours of this noise differ. By white noise what is foretold is on the short side: five of 13 orders hold it as near.
+        let error = |t: usize| sd * (((7 * t) % 13) as f64 - 6.0) / 14.0_f64.sqrt();
+        let curve = Straight::curve(1.3, 0.6, 0.1).into_iter().enumerate();
+        let observations = Straight::observations(curve.map(|(t, y)| y + error(t)).collect());
         let noise = Some(vec![vec![sd; STEPS]]);
         let candidates = vec![Straight::candidates().remove(0)];
         let problem = Problem::new(&predictor, &prior, candidates, &observations, noise, 1.0).unwrap();
@@ -129,7 +132,7 @@ mod tests {
         let Effort { runs, measurements } = effort.unwrap();
         assert!(now < TOLD.ln() - 1.0 && runs == 0 && measurements > 1, "{now} {effort:?}");
         let (then, _) = asked(measurements, 0.0);
-        assert!((then - TOLD.ln()).abs() < 0.4 * (TOLD.ln() - now), "{now} {then} {effort:?}");
+        assert!((then - TOLD.ln()).abs() < 0.3 * (TOLD.ln() - now), "{now} {then} {effort:?}");
     }
 
     #[test]

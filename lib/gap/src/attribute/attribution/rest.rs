@@ -196,13 +196,13 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
         let way = change(travelled, t);
         if way > 0.0 { change(own, t) / way } else { 0.0 }
     };
-    let by_reading = |t: usize| change(own, t) / (about(t).1 - about(t).0).max(1) as f64;
-    for rate in [(0..steps).map(by_way).collect(), (0..steps).map(by_reading).collect()] {
+    let by_reading = |of: &[f64], t: usize| change(of, t) / (about(t).1 - about(t).0).max(1) as f64;
+    for rate in [(0..steps).map(by_way).collect(), (0..steps).map(|t| by_reading(own, t)).collect()] {
         add(OWN_RATE, "a lag of the recording or viscous damping", rate);
     }
     if !is_time && is_uneven(travelled) {
-        let rate = |t: usize| change(control, t) / (about(t).1 - about(t).0).max(1) as f64;
-        add(CONTROL_RATE, "viscous damping, or a lag of the recording", (0..steps).map(rate).collect());
+        let rate = (0..steps).map(|t| by_reading(control, t)).collect();
+        add(CONTROL_RATE, "viscous damping, or a lag of the recording", rate);
     }
     for k in test.observables.clone() {
         let (name, level) = (&problem.observables[k], &mean[problem.own(k)]);
