@@ -93,7 +93,7 @@ impl Weighed {
                 weights: Vec::new(),
                 mean: Vec::new(),
             },
-            outliers: Vec::new(),
+            singular: Default::default(),
             added: Vec::new(),
             fits: self.fits,
             closes: self.closes,

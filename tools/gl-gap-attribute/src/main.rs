@@ -376,7 +376,7 @@ fn write_outliers(
     tests: &[(&Test, usize)],
 ) -> Result<()> {
     let mut table = TableWriter::create(Some(path), &["observable", "step"])?;
-    let steps = problem.by_observable(&diagnosis.first().outliers);
+    let steps = problem.by_observable(&diagnosis.first().singular.outliers);
     for (test, first) in tests {
         for j in test.observables.clone() {
             for step in &steps[j] {

@@ -37,7 +37,7 @@ use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
 use crate::attribute::evidence::adequacy::{FITS, predictive_probability};
 use crate::attribute::evidence::mode::{Mode, find};
-use crate::attribute::evidence::model::Model;
+use crate::attribute::evidence::model::{Model, Singular};
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Hypothesis, hypotheses, is_part, ln_prior_odds, name};
@@ -75,8 +75,8 @@ pub struct Explanation {
     pub is_behind: bool,
     /// Its evidence and posterior.
     pub evidence: Evidence,
-    /// Readings that are far off under it, ascending.
-    pub outliers: Vec<usize>,
+    /// Readings that are far off under it, and those from which on its rest has jumped.
+    pub singular: Singular,
     /// What its effects add to the curve, shape (observables · steps).
     pub added: Vec<f64>,
     /// Predictive probability of a measurement as odd as this one, where it was worth a look.
@@ -124,7 +124,7 @@ impl Explanation {
     /// Its model.
     pub fn model<'a>(&self, problem: &'a Problem<'a>) -> Model<'a> {
         let mut model = Model::new(problem, &self.hypothesis, self.has_rest);
-        model.set_form(&self.added, &self.outliers);
+        model.set_form(&self.added, self.singular.clone());
         model
     }
 
@@ -305,7 +305,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
                 ln_weight: evidence.ln + ln_odds,
                 ruled_out: (!is_visible(&set)).then_some(RuledOut::Invisible),
                 is_behind,
-                outliers: model.outliers().to_vec(),
+                singular: model.singular().clone(),
                 added: model.added(evidence.modes[0].w.as_slice()),
                 beyond: beyond(problem, &model, &evidence),
                 evidence,

@@ -8,6 +8,7 @@
 pub mod adequacy;
 pub mod descent;
 pub mod ignorance;
+pub mod jumps;
 pub mod mode;
 pub mod model;
 
@@ -400,7 +401,7 @@ mod tests {
         let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, known, 1.0).unwrap();
         let mut model = Model::new(&problem, &[], false);
         let ln = found(&mut model, 3).ln;
-        (ln, model.outliers().to_vec())
+        (ln, model.singular().outliers.clone())
     }
 
     fn off(readings: &[(usize, f64)]) -> Vec<f64> {

@@ -20,6 +20,7 @@ use std::ops::Range;
 use anyhow::{Context, Result, ensure};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use crate::attribute::evidence::model::Singular;
 use crate::attribute::problem::belief::Belief;
 use crate::attribute::problem::discrepancy::Smooth;
 use crate::attribute::problem::gaussian::{Filled, Level, Patterns};
@@ -216,6 +217,17 @@ impl<'a> Problem<'a> {
         )
     }
 
+    /// A step of an observable in words: where it is on its control.
+    pub fn told_step(&self, observable: usize, step: usize) -> String {
+        let test = self.test_of(observable);
+        test.path.told(&test.control_name, test.control_unit.as_deref(), &(step..step + 1))
+    }
+
+    /// The unit of an observable behind a number, where it is known.
+    pub fn told_unit(&self, observable: usize) -> String {
+        behind(self.observable_units[observable].as_deref())
+    }
+
     /// Apply an error of the measurement at a size to a curve, shape (readings,).
     pub fn apply(&self, effect: &MeasurementEffect, size: f64, curve: &mut [f64]) {
         let test = &self.tests[effect.test];
@@ -235,12 +247,12 @@ impl<'a> Problem<'a> {
     /// a number.
     pub fn told_in(&self, effect: &MeasurementEffect) -> (f64, String) {
         let test = &self.tests[effect.test];
-        let behind = |unit: Option<&str>| unit.map_or_else(String::new, |unit| format!(" {unit}"));
-        let of = self.observable_units[test.observables.start + effect.observable].as_deref();
+        let observable = test.observables.start + effect.observable;
+        let of = self.observable_units[observable].as_deref();
         let of_control = test.control_unit.as_deref();
         let unit = match effect.kind {
-            Kind::Offset => behind(of),
-            Kind::Drift => format!("{} at the end", behind(of)),
+            Kind::Offset => self.told_unit(observable),
+            Kind::Drift => format!("{} at the end", self.told_unit(observable)),
             Kind::Gain => " %".to_owned(),
             Kind::Lag => format!("{} of {}", behind(of_control), test.control_name),
             Kind::Compliance => {
@@ -325,15 +337,17 @@ impl<'a> Problem<'a> {
     }
 
     /// The patterns of the covariance of a model that has more of them than all have: errors of the form of an
-    /// effect that adds this to the curve, shape (readings,), and readings that are far off.
-    pub fn patterns_with(&self, added: Option<&[f64]>, outliers: &[usize]) -> Patterns {
+    /// effect that adds this to the curve, shape (readings,), readings that are far off, and jumps.
+    pub fn patterns_with(&self, added: Option<&[f64]>, singular: &Singular) -> Patterns {
+        let Singular { outliers, jumps } = singular;
         let blocks = self.blocks();
         let forms: usize = match added {
             Some(_) => (0..blocks.len()).map(|j| self.test_of(j).form.len()).sum(),
             None => 0,
         };
         let own = self.patterns.ncols();
-        let mut patterns = DMatrix::zeros(self.observed.len(), own + forms + outliers.len());
+        let all = own + forms + outliers.len() + jumps.len();
+        let mut patterns = DMatrix::zeros(self.observed.len(), all);
         patterns.columns_mut(0, own).copy_from(&self.patterns);
         if let Some(added) = added {
             let mut first = own;
@@ -350,11 +364,16 @@ impl<'a> Problem<'a> {
         for (k, &reading) in outliers.iter().enumerate() {
             patterns[(reading, own + forms + k)] = self.units[reading];
         }
+        for (k, &first) in jumps.iter().enumerate() {
+            for i in first..self.own(self.observable_of[first]).end {
+                patterns[(i, own + forms + outliers.len() + k)] = self.units[i];
+            }
+        }
         Patterns::new(&self.units, &blocks, &patterns, &self.correlation)
     }
 
     /// Use the covariance at nuisances and the variances of the components; `more` are the patterns of
-    /// [`Self::patterns_with`], if there are any, and the readings that are far off.
+    /// [`Self::patterns_with`], if there are any, with what is singular.
     ///
     /// # Errors
     /// If the covariance is not finite.
@@ -362,7 +381,7 @@ impl<'a> Problem<'a> {
         &self,
         nuisances: &Nuisances,
         component_variance: &[f64],
-        more: Option<(&Patterns, &[usize])>,
+        more: Option<(&Patterns, &Singular)>,
         visit: impl FnOnce(&Filled<'_>) -> T,
     ) -> Result<T> {
         let mut variances: Vec<f64> = component_variance
@@ -383,8 +402,9 @@ impl<'a> Problem<'a> {
             }
         }
         let of_noise = |j: usize| nuisances.scales[j].powi(2) + self.left_over[j];
-        let outliers = more.map_or(&[] as &[usize], |(_, outliers)| outliers);
-        variances.extend(outliers.iter().map(|i| FAR_OFF * FAR_OFF * of_noise(self.observable_of[*i])));
+        let singular = more.into_iter().flat_map(|(_, of)| of.outliers.iter().chain(&of.jumps));
+        variances
+            .extend(singular.map(|i| self.variance_of_singular(self.observable_of[*i], &nuisances.scales)));
         let levels: Vec<Level> = nuisances
             .phi
             .iter()
@@ -398,6 +418,12 @@ impl<'a> Problem<'a> {
         Ok(visit(&patterns.fill(&levels, &variances)?))
     }
 
+    /// Variance of a reading that is far off, and of a jump, in units of the observable's noise; `scales` are those of the
+    /// noise.
+    pub fn variance_of_singular(&self, observable: usize, scales: &[f64]) -> f64 {
+        FAR_OFF * FAR_OFF * (scales[observable].powi(2) + self.left_over[observable])
+    }
+
     /// Root-mean-square of noise and scatter of an observable; `scales` are those of the noise, in its units.
     pub fn spread(&self, observable: usize, scales: &[f64]) -> f64 {
         (self.noise_variance(observable, scales[observable]) + self.scatter_variance[observable]).sqrt()
@@ -408,6 +434,11 @@ impl<'a> Problem<'a> {
         let own = &self.units[self.own(observable)];
         scale.powi(2) * own.iter().map(|sd| sd * sd).sum::<f64>() / own.len() as f64
     }
+}
+
+/// A unit behind a number, where it is known.
+fn behind(unit: Option<&str>) -> String {
+    unit.map_or_else(String::new, |unit| format!(" {unit}"))
 }
 
 /// A factor of the covariance of components of these variances, shape (readings, components).
@@ -469,5 +500,5 @@ pub struct Nuisances {
     pub form: Option<f64>,
 }
 
-/// Standard deviation of a reading that is far off, in those of the others.
+/// Standard deviation of a reading that is far off, and of a jump, in those of the other readings.
 pub const FAR_OFF: f64 = 10.0;

@@ -42,7 +42,7 @@ pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
     let (base, first) = (diagnosis.attribution.base(), diagnosis.first());
     base.fits.is_some_and(|fits| fits > FITS)
         && !needs_more_noise(problem, base, first)
-        && base.outliers.len() <= first.outliers.len()
+        && base.singular.outliers.len() <= first.singular.outliers.len()
         && ignorance(problem, base) <= KNOWN
 }
 
@@ -62,7 +62,7 @@ pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> 
     let left = |j: usize| -> Vec<f64> {
         let of = |i: usize| {
             // One that is far off says nothing of the others.
-            if base.outliers.contains(&i) {
+            if base.singular.outliers.contains(&i) {
                 0.0
             } else {
                 (problem.observed[i] - base.evidence.mean[i]) / (scales[j] * problem.units[i])

@@ -122,8 +122,8 @@ pub fn closes(problem: &Problem<'_>, base: &Explanation, of: &Explanation) -> Re
         let floor = errors.column_iter().map(|error| yardstick.mean_square(error.as_slice())).sum::<f64>();
         1.0 - left(size(&before), size(&after), floor.sqrt())
     };
-    let of_readings = closes_by(&Yardstick::of_readings(problem, &scales, &of.outliers)?);
-    Ok(of_readings.max(closes_by(&Yardstick::of_shapes(problem, &scales, &of.outliers)?)))
+    let of_readings = closes_by(&Yardstick::of_readings(problem, &scales, &of.singular.outliers)?);
+    Ok(of_readings.max(closes_by(&Yardstick::of_shapes(problem, &scales, &of.singular.outliers)?)))
 }
 
 /// Where parameters are believed to be, and as far beyond as a point is.
@@ -201,7 +201,7 @@ pub fn predicted_shrink(before: &Fitted<'_>, after: &Fitted<'_>, seed: u64) -> R
     };
     let floors = [own_floor(before)?, own_floor(after)?];
     let levels = noise_levels(after, &scales, &mut random);
-    let outliers = after.model.outliers();
+    let outliers = &after.model.singular().outliers;
     let before = gaps(plain.problem(), &left_before(before, metric, &mut random)?, outliers);
     let after = gaps(plain.problem(), &left_after(after, metric, &mut random)?, outliers);
     let shrinks: Vec<f64> = before

@@ -67,6 +67,35 @@ impl Rest {
     }
 }
 
+/// A jump of a rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jump {
+    /// The reading from which on the measurement has it.
+    pub reading: usize,
+    /// Mean of how far it goes, in the unit of its observable.
+    pub size: f64,
+}
+
+/// The jumps of the rest of an explanation, in the order of their readings.
+pub fn jumps(problem: &Problem<'_>, of: &Explanation) -> Vec<Jump> {
+    let model = of.model(problem);
+    let w = of.best();
+    let residual = DMatrix::from_vec(problem.observed.len(), 1, model.residual(&of.evidence.mean));
+    let variance = model.curve(w).variance;
+    let Ok(solved) = model.with_covariance(w, &variance, |covariance| covariance.solve(&residual)) else {
+        return Vec::new();
+    };
+    let scales = model.nuisances(w).scales;
+    let jump = |&reading: &usize| {
+        let observable = problem.observable_of(reading);
+        let after = reading..problem.own(observable).end;
+        let cross: f64 = after.map(|i| problem.units[i] * solved[i]).sum();
+        let size = problem.units[reading] * problem.variance_of_singular(observable, &scales) * cross;
+        Jump { reading, size }
+    };
+    of.singular.jumps.iter().map(jump).collect()
+}
+
 /// Something that a rest may go with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoesWith {
@@ -102,7 +131,7 @@ pub fn goes_with(problem: &Problem<'_>, of: &Explanation) -> Result<Vec<GoesWith
         let shapes = shapes(problem, &mean, j);
         let own = problem.own(j);
         let mut columns = DMatrix::zeros(readings, 1 + shapes.len());
-        for i in own.clone().filter(|i| !of.outliers.contains(i)) {
+        for i in own.clone().filter(|i| !of.singular.outliers.contains(i)) {
             columns[(i, 0)] = residual[i];
             for (k, shape) in shapes.iter().enumerate() {
                 columns[(i, k + 1)] = shape.curve[i - own.start];

@@ -6,7 +6,8 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::attribute::evidence::model::{Curve, Model, ln_prior};
+use crate::attribute::evidence::jumps;
+use crate::attribute::evidence::model::{Curve, Model, Singular, ln_prior};
 use gl_inference::prior::normal_quantile;
 
 /// A maximum of the posterior density.
@@ -35,11 +36,14 @@ const ITERATIONS: usize = 30;
 /// Readings that are taken to be far off, at most, as a share of all.
 const MOST_OUTLIERS: f64 = 0.1;
 
+/// Jumps of a rest at most, over all observables.
+const MOST_JUMPS: usize = 12;
+
 /// The modes found from the given starts (all parameters) and, without a rest, from the prior, best first.
 /// The model is told at the best of them which readings are far off, and what its effects add to the curve.
 pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng) -> Vec<Mode> {
     if let (true, Some(start)) = (model.has_rest(), starts.first()) {
-        model.set_form(&model.added(start), &[]);
+        model.set_form(&model.added(start), Singular::default());
     }
     let screened = match (model.has_rest(), starts.len()) {
         (true, _) => Vec::new(),
@@ -48,7 +52,7 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
     };
     let mut modes = climbed(model, Vec::new(), starts.iter().cloned().chain(screened));
     let Some(best) = modes.first().cloned() else { return modes };
-    let (best, is_changed) = with_outliers(model, best);
+    let (best, is_changed) = with_singular(model, best);
     if is_changed {
         let others = modes[1..].iter().map(|mode| mode.w.as_slice().to_vec());
         modes = climbed(model, vec![best], others);
@@ -113,6 +117,74 @@ fn distinct(mut modes: Vec<Mode>) -> Vec<Mode> {
     distinct
 }
 
+/// Take readings to be far off, and, where there is a rest, let it jump, as long as that pays; whether anything has changed.
+///
+/// Jumps are sought by the noise as it is stated and by that which is found, and beside the readings that stand out of a rest
+/// which does not jump and without them: a noise that is larger and correlated goes up and down as such a rest does and hides
+/// every single jump of it, and so do two readings that are far off.
+fn with_singular(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
+    let (mut best, mut is_changed) = with_outliers(model, best);
+    if !model.has_rest() {
+        return (best, is_changed);
+    }
+    for (noise, keeps_outliers) in
+        [(Covariance::Given, true), (Covariance::Given, false), (Covariance::Fitted, true)]
+    {
+        if !keeps_outliers && model.singular().outliers.is_empty() {
+            continue;
+        }
+        let mut tried = model.clone();
+        let w = best.w.as_slice();
+        if !keeps_outliers {
+            tried.set_form(&tried.added(w), Singular { outliers: Vec::new(), ..model.singular().clone() });
+        }
+        let start = if noise == Covariance::Given { model.as_stated(w) } else { w.to_vec() };
+        let Some(mode) = jumping(&mut tried, start, noise) else { continue };
+        let (mode, _) = with_outliers(&mut tried, mode);
+        if mode.ln_posterior > best.ln_posterior {
+            (*model, best, is_changed) = (tried, mode, true);
+        }
+    }
+    (best, is_changed)
+}
+
+/// A mode of a model whose rest jumps where that gains most, one jump after the other, those left out again that do not
+/// pay in the end; none where nothing gains.
+fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Option<Mode> {
+    let known = model.singular().jumps.len();
+    while model.singular().jumps.len() < MOST_JUMPS {
+        let Some(jump) = jumps::likeliest(model, &w, &model.curve(&w)) else { break };
+        let Singular { outliers, mut jumps } = model.singular().clone();
+        jumps.push(jump);
+        jumps.sort_unstable();
+        model.set_form(&model.added(&w), Singular { outliers, jumps });
+        w = climb(model, w, &[], covariance)?.w.as_slice().to_vec();
+    }
+    if model.singular().jumps.len() == known {
+        return None;
+    }
+    let mut mode = climb(model, w, &[], Covariance::Fitted)?;
+    loop {
+        let (w, curve) = (mode.w.as_slice().to_vec(), model.curve(mode.w.as_slice()));
+        let added = model.added(&w);
+        let without = |k: usize| {
+            let mut less = model.clone();
+            let Singular { outliers, mut jumps } = model.singular().clone();
+            jumps.remove(k);
+            less.set_form(&added, Singular { outliers, jumps });
+            (less.ln_likelihood(&w, &curve), less)
+        };
+        let all = (0..model.singular().jumps.len()).map(without);
+        let Some((ln, less)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        if ln < model.ln_likelihood(&w, &curve) {
+            break;
+        }
+        *model = less;
+        mode = climb(model, w, &[], Covariance::Fitted)?;
+    }
+    Some(mode)
+}
+
 /// Take readings to be far off, the furthest first, as long as that pays; whether anything has changed. Those that
 /// stand in a row are a signal, and are let be.
 fn with_outliers(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
@@ -137,15 +209,16 @@ fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (M
         let curve = model.curve(best.w.as_slice());
         let mut more = model.far_off(best.w.as_slice(), &curve);
         more.retain(|reading| !signal.contains(reading));
-        more.truncate(most.saturating_sub(model.outliers().len()));
+        more.truncate(most.saturating_sub(model.singular().outliers.len()));
         if more.is_empty() {
             return (best, is_changed);
         }
         let before = model.clone();
-        let mut outliers = [model.outliers(), &more].concat();
+        let Singular { mut outliers, jumps } = model.singular().clone();
+        outliers.extend(more);
         outliers.sort_unstable();
         let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
-        model.set_form(&added, &outliers);
+        model.set_form(&added, Singular { outliers, jumps });
         let next = climb(model, best.w.as_slice().to_vec(), &[], Covariance::Fitted);
         let Some(next) = next.filter(|next| next.ln_posterior > best.ln_posterior) else {
             *model = before;

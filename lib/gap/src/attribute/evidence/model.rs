@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
+use crate::attribute::evidence::jumps;
 use crate::attribute::problem::gaussian::{Filled, Patterns};
 use crate::attribute::problem::hypothesis::Candidate;
 use crate::attribute::problem::measurement::MeasurementEffect;
@@ -30,12 +31,28 @@ pub struct Model<'a> {
     has_rest: bool,
     /// Whether the form of the effects may be another.
     has_form: bool,
-    /// Readings that are taken to be far off, ascending.
-    outliers: Vec<usize>,
+    /// What stands out of its noise and its rest.
+    singular: Singular,
     /// Patterns that only this model has in its covariance.
     own: Option<Arc<Patterns>>,
     /// Whether the emulator's mean is taken for the simulation.
     is_sure: bool,
+}
+
+/// What neither an even noise nor a smooth rest has, in readings, ascending.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Singular {
+    /// Those that are far off by themselves.
+    pub outliers: Vec<usize>,
+    /// Those from which on a rest has jumped in their observable.
+    pub jumps: Vec<usize>,
+}
+
+impl Singular {
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.outliers.is_empty() && self.jumps.is_empty()
+    }
 }
 
 /// What a curve parameter stands for: a parameter of the prior, or an effect of the measurement.
@@ -105,23 +122,23 @@ impl<'a> Model<'a> {
             off,
             has_rest,
             has_form,
-            outliers: Vec::new(),
+            singular: Singular::default(),
             own: None,
             is_sure: false,
         };
         if has_form {
-            model.set_form(&vec![0.0; problem.observed.len()], &[]);
+            model.set_form(&vec![0.0; problem.observed.len()], Singular::default());
         }
         model
     }
 
     /// Take the form of the effects to err in proportion to what they add to the curve, shape (observables ·
-    /// steps), where there is a rest; and these readings, ascending, to be far off.
-    pub fn set_form(&mut self, added: &[f64], outliers: &[usize]) {
-        self.outliers = outliers.to_vec();
+    /// steps), where there is a rest; and readings to be far off, or to begin a jump.
+    pub fn set_form(&mut self, added: &[f64], singular: Singular) {
         let added = self.has_form.then_some(added);
-        let is_plain = added.is_none() && outliers.is_empty();
-        self.own = (!is_plain).then(|| Arc::new(self.problem.patterns_with(added, outliers)));
+        let is_plain = added.is_none() && singular.is_empty();
+        self.own = (!is_plain).then(|| Arc::new(self.problem.patterns_with(added, &singular)));
+        self.singular = singular;
     }
 
     /// What the effects add to the curve, shape (observables · steps).
@@ -135,9 +152,9 @@ impl<'a> Model<'a> {
         self.mean(w).iter().zip(&off).map(|(on, off)| on - off).collect()
     }
 
-    /// Readings that are taken to be far off, ascending.
-    pub fn outliers(&self) -> &[usize] {
-        &self.outliers
+    /// Readings that are taken to be far off, and those from which on its rest has jumped.
+    pub fn singular(&self) -> &Singular {
+        &self.singular
     }
 
     /// Whether something unknown is at work, too.
@@ -195,7 +212,7 @@ impl<'a> Model<'a> {
     pub fn plain(&self) -> Self {
         let mut plain = self.clone();
         (plain.has_rest, plain.has_form) = (false, false);
-        plain.set_form(&[], &self.outliers);
+        plain.set_form(&[], Singular { outliers: self.singular.outliers.clone(), jumps: Vec::new() });
         plain
     }
 
@@ -373,7 +390,7 @@ impl<'a> Model<'a> {
         component_variance: &[f64],
         visit: impl FnOnce(&Filled<'_>) -> T,
     ) -> Result<T> {
-        let more = self.own.as_ref().map(|own| (own.as_ref(), self.outliers.as_slice()));
+        let more = self.own.as_ref().map(|own| (own.as_ref(), &self.singular));
         self.problem.with_covariance(&self.nuisances(w), component_variance, more, visit)
     }
 
@@ -382,14 +399,20 @@ impl<'a> Model<'a> {
         self.problem.observed.iter().zip(curve).map(|(seen, y)| seen - y).collect()
     }
 
-    /// ln N(measurement; curve, Σ), with the odds of the readings that are far off to be so; −∞ where the
-    /// covariance is not finite.
+    /// ln N(measurement; curve, Σ), with the odds of the readings that are far off to be so, and of jumps; −∞ where
+    /// the covariance is not finite.
     pub fn ln_likelihood(&self, w: &[f64], curve: &Curve) -> f64 {
         let residual = self.residual(&curve.mean);
         self.with_covariance(w, &curve.variance, |covariance| covariance.ln_density(&residual))
             .ok()
             .filter(|value| value.is_finite())
-            .map_or(f64::NEG_INFINITY, |value| value + self.outliers.len() as f64 * ln_outlier_odds())
+            .map_or(f64::NEG_INFINITY, |value| value + self.ln_singular_odds())
+    }
+
+    /// ln odds beforehand of all that is singular.
+    fn ln_singular_odds(&self) -> f64 {
+        let Singular { outliers, jumps } = &self.singular;
+        outliers.len() as f64 * ln_odds(OUTLIER) + jumps::ln_odds_of(self.problem, jumps)
     }
 
     /// Readings that are further from what all others say of them than most are, furthest first: more than
@@ -411,7 +434,7 @@ impl<'a> Model<'a> {
             let unit = 1.4826 * sorted[sorted.len() / 2];
             far.extend(block.filter(|&i| scores[i] > OUTLYING * unit));
         }
-        far.retain(|i| !self.outliers.contains(i));
+        far.retain(|i| !self.singular.outliers.contains(i));
         far.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
         far
     }
@@ -420,7 +443,8 @@ impl<'a> Model<'a> {
     pub fn outliers_in_a_row(&self) -> Vec<usize> {
         let blocks = self.problem.blocks();
         let in_a_row = blocks.iter().flat_map(|block| {
-            let own: Vec<usize> = self.outliers.iter().copied().filter(|i| block.contains(i)).collect();
+            let outliers = self.singular.outliers.iter().copied();
+            let own: Vec<usize> = outliers.filter(|i| block.contains(i)).collect();
             let rows: Vec<Vec<usize>> = own.chunk_by(|a, b| a + 1 == *b).map(<[usize]>::to_vec).collect();
             rows.into_iter().filter(|row| row.len() >= ROW).flatten()
         });
@@ -431,8 +455,9 @@ impl<'a> Model<'a> {
 /// As many readings in a row that are far off are a signal: of single ones so many seldom meet.
 const ROW: usize = 3;
 
-fn ln_outlier_odds() -> f64 {
-    (OUTLIER / (1.0 - OUTLIER)).ln()
+/// ln odds of a probability.
+pub fn ln_odds(probability: f64) -> f64 {
+    (probability / (1.0 - probability)).ln()
 }
 
 /// ln of the standard normal density, shape (parameters,).

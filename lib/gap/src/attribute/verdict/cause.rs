@@ -222,7 +222,7 @@ fn add_effects(
     // An observable that is noisy over its range counts for less in units of its noise.
     let is_another = (closes.median - first.closes).abs() > ANOTHER;
     let [in_ranges, by_noise] = [percent(closes.median), percent(first.closes)];
-    let outliers = if first.outliers.is_empty() { "" } else { ", without what looks like outliers" };
+    let outliers = if first.singular.outliers.is_empty() { "" } else { ", without what looks like outliers" };
     let how_far = if is_another {
         format!(
             "{by_noise} % of the gap with each observable in units of its noise, and {in_ranges} %{interval} of it as shares of their ranges{outliers}"

@@ -35,7 +35,7 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
             );
         }
     }
-    let outliers = problem.by_observable(&first.outliers);
+    let outliers = problem.by_observable(&first.singular.outliers);
     for (j, (name, steps)) in problem.observables.iter().zip(outliers).enumerate() {
         let test = problem.test_of(j);
         let (readings, at): (Vec<String>, Vec<String>) =
@@ -56,7 +56,7 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
 }
 
 /// A list in words.
-fn all_of(list: &[String]) -> String {
+pub(super) fn all_of(list: &[String]) -> String {
     match list {
         [others @ .., last] if !others.is_empty() => format!("{} and {last}", others.join(", ")),
         _ => list.concat(),

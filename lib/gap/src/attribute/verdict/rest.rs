@@ -3,10 +3,12 @@
 use anyhow::Result;
 use gl_table::verdict::Verdicts;
 
+use super::noise::all_of;
 use super::percent;
 use crate::attribute::attribution::Explanation;
-use crate::attribute::attribution::rest::{GoesWith, goes_with, rest};
+use crate::attribute::attribution::rest::{GoesWith, Jump, goes_with, jumps, rest};
 use crate::attribute::problem::Problem;
+use gl_inference::path::short;
 
 /// What a rest goes with, if it clearly goes with something, and what else it goes with nearly as well.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) -> Result<()> {
@@ -41,7 +43,23 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
         }
         verdicts.add("rest-goes-with", &most.what, text);
     }
+    add_jumps(verdicts, problem, first);
     Ok(())
+}
+
+/// Where a rest jumps, and how far: a row an observable.
+fn add_jumps(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
+    let all = jumps(problem, first);
+    for of in all.chunk_by(|a, b| problem.observable_of(a.reading) == problem.observable_of(b.reading)) {
+        let observable = problem.observable_of(of[0].reading);
+        let told = |jump: &Jump| {
+            let by = format!("by {}{}", short(jump.size), problem.told_unit(observable));
+            format!("{by} {}", problem.told_step(observable, jump.reading - problem.own(observable).start))
+        };
+        let name = &problem.observables[observable];
+        let where_to = all_of(&of.iter().map(told).collect::<Vec<_>>());
+        verdicts.add("rest-jumps", name, format!("what is left of {name} jumps {where_to}"));
+    }
 }
 
 /// Where most of a rest is: the observable and the stretch of the control, with a comma before.
