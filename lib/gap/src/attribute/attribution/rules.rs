@@ -45,10 +45,11 @@ const LIKELY: f64 = 0.75;
 /// What is kept of the probability of a single effect beside a rest at least, however little of the gap it closes, by the ln odds
 /// that it is ahead of something unknown alone after all that it loses: a form that no rest has is in the measurement. Not all,
 /// however far ahead: a rest is smooth, and what is no candidate may have a jump or a turn where one has it.
-const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (FAR, 0.9)];
+const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (12.0, 0.9)];
 
-/// From so many ln odds on it is far ahead.
-const FAR: f64 = 12.0;
+/// The same of a single error of the measurement, whose form is so plain that much that is no candidate has a part of it: by up
+/// to twenty an offset, and a compliance with it, were ahead of a rest where an adhesion that is no candidate was at work.
+const FAR_AHEAD_OF_THE_RIG: [(f64, f64); 2] = [(20.0, 0.0), (30.0, 0.9)];
 
 /// ln odds that answers lose to something unknown where they hold only beyond what was believed of the base model: one that may
 /// do what nobody believes it does takes up most of what is no candidate, and an effect the rest of it.
@@ -89,19 +90,20 @@ impl Explanation {
     }
 
     /// What is kept of the probability of a single effect beside a rest at least, since it is far ahead of something unknown alone.
-    /// What is no candidate is seldom imitated like that, but by an error of the measurement.
+    /// What is no candidate is seldom imitated like that.
     fn kept_ahead_of(&self, unknown: &Self) -> f64 {
-        if self.has_a_form_of_its_own() { along(&FAR_AHEAD, self.ahead_of(unknown)) } else { 0.0 }
+        if self.is_single_beside_a_rest() { along(self.far_ahead(), self.ahead_of(unknown)) } else { 0.0 }
     }
 
-    /// Whether it is a single effect beside a rest that no rest could be.
-    fn has_a_form_of_its_own(&self) -> bool {
-        self.is_single_beside_a_rest() && !self.is_of_the_rig
+    /// What is kept of it by how far it is ahead.
+    fn far_ahead(&self) -> &'static [(f64, f64)] {
+        if self.is_of_the_rig { &FAR_AHEAD_OF_THE_RIG } else { &FAR_AHEAD }
     }
 
     /// Whether it is so far ahead of something unknown alone that it is in it, whatever else is.
     fn is_far_ahead(&self, unknown: &Self) -> bool {
-        self.has_a_form_of_its_own() && self.ahead_of(unknown) >= FAR
+        let far = self.far_ahead();
+        self.is_single_beside_a_rest() && self.ahead_of(unknown) >= far[far.len() - 1].0
     }
 
     /// Whether something unknown alone is no rival to it: it needs no rest, closes nearly all beside one, or is well ahead. An
@@ -453,16 +455,19 @@ mod tests {
     }
 
     #[test]
-    fn an_error_of_the_measurement_that_is_far_ahead_must_close_as_much() {
-        let probability = |is_of_the_rig: bool| {
+    fn an_error_of_the_measurement_must_be_further_ahead_than_an_effect() {
+        let probability = |is_of_the_rig: bool, ahead: f64| {
             let mut all = as_likely([("none", 0.0), ("wave+unexplained", 1.0), ("unexplained", 0.0)]);
-            (all[1].closes, all[1].is_of_the_rig) = (0.85, is_of_the_rig);
-            (all[1].ln_weight, all[2].ln_weight) = (0.0, -30.0);
+            (all[1].closes, all[1].is_of_the_rig) = (0.75, is_of_the_rig);
+            (all[1].ln_weight, all[2].ln_weight) = (0.0, -ahead);
             rule_out(&mut all);
             all[1].probability
         };
-        assert_eq!(probability(false), along(&CLOSES, 0.85));
-        assert!((probability(true) - 0.5).abs() < 1e-12);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        assert!(near(probability(false, 20.0), 0.9));
+        // What it closes counts up to here.
+        assert!(near(probability(true, 20.0), 0.4));
+        assert!(near(probability(true, 25.0), 0.45) && near(probability(true, 40.0), 0.9));
     }
 
     #[test]
