@@ -5,7 +5,7 @@ use std::str::FromStr;
 use anyhow::{Context, Error, Result, bail, ensure};
 use gl_inference::observations::ByName;
 use gl_inference::rig::Rig;
-use gl_inference::stack::is_test_name;
+use gl_inference::stack::{self, is_test_name};
 use toml::de::DeTable;
 
 use crate::cluster::Cluster;
@@ -87,7 +87,7 @@ impl Test {
 
     /// What an observable is called beside those of other tests: `test.observable`.
     pub fn named(&self, observable: &str) -> String {
-        if self.name.is_empty() { observable.to_owned() } else { format!("{}.{observable}", self.name) }
+        stack::named(&self.name, observable)
     }
 }
 

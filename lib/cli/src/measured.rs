@@ -8,7 +8,7 @@ use clap::Args;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::misfit::Incomplete;
 use gl_inference::observations::{ByName, Observations, Steps};
-use gl_inference::stack::{OfTest, Stack, Test, TestTables};
+use gl_inference::stack::{OfTest, Stack, Test, TestTables, named};
 use gl_table::Table;
 
 /// The tables of the measurement and its noise; beside them stand a `control` and `observables`.
@@ -73,11 +73,7 @@ pub struct Part {
 impl Part {
     /// What its observables are called: `test.observable` where it has a name.
     fn observables(&self) -> impl Iterator<Item = String> {
-        let named = |name: &String| match self.name.as_str() {
-            "" => name.clone(),
-            test => format!("{test}.{name}"),
-        };
-        self.observations.names.iter().map(named)
+        self.observations.names.iter().map(|name| named(&self.name, name))
     }
 }
 

@@ -14,6 +14,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::fit::{self, ALTERNATES, CORRELATED, Fit, ON_ALTERNATING};
 use gl_inference::observations::Observations;
 use gl_inference::path::Path;
+use gl_inference::stack::named;
 use gl_inference::units::Units;
 use gl_table::verdict::Verdicts;
 
@@ -413,11 +414,6 @@ pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit, 
     };
     verdicts.add("gap", name(&places[0]), format!("The gap lies {}{more}.", told.join(", ")));
     verdicts
-}
-
-/// What an observable is called: `test.observable` where its test has a name.
-pub fn named(test: &str, observable: &str) -> String {
-    if test.is_empty() { observable.to_owned() } else { format!("{test}.{observable}") }
 }
 
 /// What is concluded where no stretch stands out.

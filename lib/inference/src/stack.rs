@@ -38,6 +38,11 @@ pub fn is_test_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= 60 && !name.starts_with('-') && name.chars().all(is_letter)
 }
 
+/// What an observable is called beside those of other tests: `test.observable` where its test has a name.
+pub fn named(test: &str, observable: &str) -> String {
+    if test.is_empty() { observable.to_owned() } else { format!("{test}.{observable}") }
+}
+
 impl FromStr for TestTables {
     type Err = Error;
 
@@ -161,7 +166,7 @@ impl Stack {
             tests.iter().map(|test| test.observations.part(test.steps.clone())).collect();
         let names = tests
             .iter()
-            .flat_map(|test| test.observations.names.iter().map(move |name| format!("{}.{name}", test.name)));
+            .flat_map(|test| test.observations.names.iter().map(move |name| named(&test.name, name)));
         let observations = Observations {
             source: sources.join(" and "),
             control_name: "step".to_owned(),

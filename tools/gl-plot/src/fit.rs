@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use gl_cli::measured::{Measurement, Part, Tables};
-use gl_gap::locate::named;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::predict::{Predicted, predict};
+use gl_inference::stack::named;
 use gl_inference::weights::Weights;
 use gl_table::Table;
 

@@ -5,10 +5,10 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gl_gap::locate::named;
 use gl_gap::standardised::standardised;
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations, Steps};
+use gl_inference::stack::named;
 use gl_inference::weights::Weights;
 use gl_table::Table;
 

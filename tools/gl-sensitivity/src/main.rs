@@ -14,7 +14,7 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
-use gl_inference::stack::OfTest;
+use gl_inference::stack::{OfTest, named};
 use gl_inference::weights::Weights;
 use gl_table::TableWriter;
 use gl_table::verdict::Verdicts;
@@ -221,8 +221,7 @@ fn write_indices(
     args: &Args,
 ) -> Result<()> {
     for stretch in sobol(emulator, space, args.stretches, args.seed)? {
-        let name = &ensemble.observables[stretch.observable];
-        let name = if test.is_empty() { name.clone() } else { format!("{test}.{name}") };
+        let name = named(test, &ensemble.observables[stretch.observable]);
         for (&parameter, index) in space.varied().iter().zip(&stretch.indices) {
             let ends = [ensemble.control[stretch.steps.start], ensemble.control[stretch.steps.end - 1]];
             table

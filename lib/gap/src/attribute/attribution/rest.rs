@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use crate::attribute::attribution::Explanation;
 use crate::attribute::attribution::closure::absorb;
 use crate::attribute::problem::Problem;
+use gl_numeric::statistics::{mean, sd};
 
 /// What is left over, as smooth as the rest is taken to be.
 #[derive(Clone, Debug)]
@@ -256,9 +257,8 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
 /// Whether the ways from reading to reading differ by more than a fifth of their mean (root mean square).
 fn is_uneven(travelled: &[f64]) -> bool {
     let ways: Vec<f64> = travelled.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let mean = ways.iter().sum::<f64>() / ways.len().max(1) as f64;
-    let square = ways.iter().map(|way| (way - mean).powi(2)).sum::<f64>() / ways.len().max(1) as f64;
-    square.sqrt() > 0.2 * mean
+    let even = vec![1.0 / ways.len().max(1) as f64; ways.len()];
+    sd(&ways, &even) > 0.2 * mean(&ways, &even)
 }
 
 #[cfg(test)]

@@ -137,8 +137,15 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
         1e3.. => "more than 1000 times ".to_owned(),
         _ => format!("{} times ", short(odds)),
     };
+    // Why it does not come first all the same.
+    let why = match odds {
+        ..1.5 => "",
+        _ if of.is_of_the_rig => "; so plain an error is a part of much that is unknown",
+        _ if of.closes < NEARLY_ALL => "; what leaves so much is mostly a part of something unknown",
+        _ => "",
+    };
     verdicts.add("unsettled", UNEXPLAINED, format!(
-        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is {times}as likely, and {effect} closes {} % of the gap",
+        "something else seems to be at work, probability {first:.2}; but with {effect}{beside} the measurement is {times}as likely, and {effect} closes {} % of the gap{why}",
         percent(of.closes)
     ));
     let base = problem.prior.base().len();

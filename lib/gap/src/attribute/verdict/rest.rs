@@ -69,3 +69,30 @@ pub(super) fn places(problem: &Problem<'_>, of: &Explanation) -> String {
         format!(", in {}", problem.told(observable, &stretch))
     })
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::attribute::diagnosis::diagnose;
+    use crate::attribute::synthetic_world::Straight;
+
+    #[test]
+    fn a_jump_of_what_is_left_is_told_where_it_is_and_how_far_it_goes() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+        observations.values[0].iter_mut().skip(17).for_each(|y| *y += 0.2);
+        let units = "x=mm,y=N".parse().unwrap();
+        let problem = predictor.problem(&prior, &observations).in_units(&units);
+        let diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let mut verdicts = Verdicts::default();
+        add(&mut verdicts, &problem, diagnosis.first()).unwrap();
+        let told = verdicts.rows.iter().find(|row| row.code == "rest-jumps").unwrap();
+        assert_eq!(told.value, "y");
+        let before = "what is left of y jumps by 0.";
+        let (by, at) = told.text.strip_prefix(before).and_then(|by| by.split_once(" N at ")).unwrap();
+        assert!(["1", "2"].contains(&&by[..1]), "{}", told.text);
+        assert_eq!(at, "x 0.586 mm");
+    }
+}
