@@ -209,18 +209,13 @@ impl<'a> Problem<'a> {
 
     /// Steps of an observable in words: its name, and where they are on its control.
     pub fn told(&self, observable: usize, steps: &Range<usize>) -> String {
-        let test = self.test_of(observable);
-        format!(
-            "{} {}",
-            self.observables[observable],
-            test.path.told(&test.control_name, test.control_unit.as_deref(), steps)
-        )
+        format!("{} {}", self.observables[observable], self.told_steps(observable, steps))
     }
 
-    /// A step of an observable in words: where it is on its control.
-    pub fn told_step(&self, observable: usize, step: usize) -> String {
+    /// Steps of an observable in words: where they are on its control.
+    pub fn told_steps(&self, observable: usize, steps: &Range<usize>) -> String {
         let test = self.test_of(observable);
-        test.path.told(&test.control_name, test.control_unit.as_deref(), &(step..step + 1))
+        test.path.told(&test.control_name, test.control_unit.as_deref(), steps)
     }
 
     /// The unit of an observable behind a number, where it is known.

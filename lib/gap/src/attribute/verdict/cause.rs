@@ -4,7 +4,7 @@ use anyhow::Result;
 use gl_inference::fit::{CORRELATED, Fit, alternation};
 use gl_table::verdict::Verdicts;
 
-use super::{LITTLE, percent, rest};
+use super::{LITTLE, noise, percent, rest};
 use crate::attribute::attribution::marginals::{Marginal, errors_of_the_rig, marginals};
 use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, MOST, UNEXPLAINED};
@@ -189,7 +189,9 @@ fn add_effects(
     let (effects, probability) = (name(&first.hypothesis, &problem.candidates), diagnosis.stated());
     let base = diagnosis.attribution.base();
     let is_part = first.has_rest && !first.closes_most();
-    let code = match (is_settled, first.has_rest) {
+    let like_a_rest = noise::like_a_rest(problem, first);
+    let imitated = if first.closes < NEARLY_ALL { IMITATED } else { "" };
+    let code = match (is_settled, first.has_rest || like_a_rest.is_some()) {
         (false, _) => "unsettled",
         (true, _) if is_part => "part",
         (true, false) => "cause",
@@ -212,7 +214,15 @@ fn add_effects(
             percent(first.closes),
             if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
             rest::places(problem, first),
-            if first.closes < NEARLY_ALL { IMITATED } else { "" },
+            imitated,
+            beyond_belief(diagnosis)
+        )
+    } else if let Some((observable, scale)) = like_a_rest {
+        format!(
+            "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; what it leaves of {observable} is {} times the noise that was stated, and alike from reading to reading: something else makes it, or a noise that is otherwise than stated{imitated}{}{}",
+            percent(first.closes),
+            short(scale),
+            by_noise(diagnosis),
             beyond_belief(diagnosis)
         )
     } else {
@@ -412,6 +422,29 @@ mod tests {
         );
         let (_, text) = said("lag").unwrap();
         assert!(text.contains(", which no simulation makes: calibrate with it as rig"), "{text}");
+    }
+
+    #[test]
+    fn a_noise_that_is_larger_than_stated_and_smooth_is_said_to_be_something_else_or_a_noise() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let told = |waves: f64, noise: f64| {
+            let mut observations = Straight::measured(1.3, 0.6, 0.8, noise);
+            let mut add_waves = |(t, y): (usize, &mut f64)| {
+                *y += waves
+                    * [0.6, 0.9, 1.2].map(|pace| (pace * t as f64 + 3.0 * pace).sin()).iter().sum::<f64>();
+            };
+            observations.values[0].iter_mut().enumerate().for_each(&mut add_waves);
+            let problem = predictor.problem(&prior, &observations);
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations.sort_by_key(|of| of.name != "wave");
+            let mut verdicts = Verdicts::default();
+            super::add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            verdicts.rows.remove(0).text
+        };
+        let white = told(0.0, 0.02);
+        assert!(white.starts_with("wave explains it"), "{white}");
+        let smooth = told(0.025, 0.01);
+        assert!(smooth.contains("and alike from reading to reading"), "{smooth}");
     }
 
     #[test]

@@ -19,6 +19,24 @@ pub fn found<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Vec<(&'a str, f6
     problem.observables.iter().map(String::as_str).zip(scales).filter(is_another).collect()
 }
 
+/// The observable whose noise under an explanation is most like a rest, and how many times what was stated it is: larger than
+/// that, and alike from reading to reading. A noise that is stated at half is white, and one that is correlated as large as it
+/// was stated; both at once are oftener something smooth that the explanation leaves.
+pub(super) fn like_a_rest<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Option<(&'a str, f64)> {
+    if !problem.is_noise_stated || of.has_rest {
+        return None;
+    }
+    let nuisances = of.model(problem).nuisances(of.best());
+    let both = nuisances.scales.into_iter().zip(nuisances.phi);
+    let like = problem
+        .observables
+        .iter()
+        .zip(both)
+        .filter(|(_, (scale, phi))| *scale > OTHER_NOISE && *phi > CORRELATED);
+    let most = like.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+    most.map(|(name, (scale, _))| (name.as_str(), scale))
+}
+
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let nuisances = first.model(problem).nuisances(first.best());
@@ -29,7 +47,7 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
                 "noise-correlation",
                 nuisances.phi[j],
                 format!(
-                    "the noise of {name} is correlated from one reading to the next by about {:.1}",
+                    "what is left of {name} is correlated from one reading to the next by about {:.1}, and counts as noise",
                     nuisances.phi[j]
                 ),
             );

@@ -47,14 +47,28 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
     Ok(())
 }
 
-/// Where a rest jumps, and how far: a row an observable.
+/// Where a rest jumps, and how far: a row an observable. Jumps of a sign at neighbouring readings are one: a slope that is too
+/// steep for a smooth rest.
 fn add_jumps(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let all = jumps(problem, first);
-    for of in all.chunk_by(|a, b| problem.observable_of(a.reading) == problem.observable_of(b.reading)) {
-        let observable = problem.observable_of(of[0].reading);
-        let told = |jump: &Jump| {
-            let by = format!("by {}{}", short(jump.size), problem.told_unit(observable));
-            format!("{by} {}", problem.told_step(observable, jump.reading - problem.own(observable).start))
+    let is_one = |a: &Jump, b: &Jump| {
+        let is_near = problem.observable_of(a.reading) == problem.observable_of(b.reading);
+        is_near && b.reading == a.reading + 1 && a.size * b.size > 0.0
+    };
+    let whole: Vec<&[Jump]> = all.chunk_by(is_one).collect();
+    let observable_of = |of: &[Jump]| problem.observable_of(of[0].reading);
+    for of in whole.chunk_by(|a, b| observable_of(a) == observable_of(b)) {
+        let observable = observable_of(of[0]);
+        let told = |jump: &&[Jump]| {
+            let size = jump.iter().map(|jump| jump.size).sum();
+            let first = jump[0].reading - problem.own(observable).start;
+            let steps = first - 1..first + jump.len();
+            format!(
+                "by {}{} {}",
+                short(size),
+                problem.told_unit(observable),
+                problem.told_steps(observable, &steps)
+            )
         };
         let name = &problem.observables[observable];
         let where_to = all_of(&of.iter().map(told).collect::<Vec<_>>());
@@ -91,8 +105,8 @@ mod tests {
         let told = verdicts.rows.iter().find(|row| row.code == "rest-jumps").unwrap();
         assert_eq!(told.value, "y");
         let before = "what is left of y jumps by 0.";
-        let (by, at) = told.text.strip_prefix(before).and_then(|by| by.split_once(" N at ")).unwrap();
+        let (by, at) = told.text.strip_prefix(before).and_then(|by| by.split_once(" N ")).unwrap();
         assert!(["1", "2"].contains(&&by[..1]), "{}", told.text);
-        assert_eq!(at, "x 0.586 mm");
+        assert_eq!(at, "between x 0.552 and 0.586 mm");
     }
 }
