@@ -36,7 +36,7 @@ use crate::attribute::attribution::rules::rule_out;
 use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
 use crate::attribute::evidence::adequacy::{FITS, predictive_probability};
-use crate::attribute::evidence::mode::{Mode, find};
+use crate::attribute::evidence::mode::{Mode, find, try_jumps};
 use crate::attribute::evidence::model::{Model, Singular};
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::problem::Problem;
@@ -274,7 +274,8 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
     };
     let plain = search(problem, &sets, None, &random);
     let with_rest = search(problem, &sets, Some(&plain), &|place| random(sets.len() + place));
-    let found: Vec<Found<'_>> = plain.into_iter().chain(with_rest).collect();
+    let mut found: Vec<Found<'_>> = plain.into_iter().chain(with_rest).collect();
+    share_jumps(&mut found);
     let ln_odds = |found: &Found<'_>| {
         let set = &sets[found.place];
         if is_visible(set) { ln_prior_odds(set, found.model.has_rest(), count) } else { f64::NEG_INFINITY }
@@ -417,6 +418,29 @@ fn search<'a>(
         all.extend(more);
     }
     all
+}
+
+/// Let every rest try the jumps of those with which the measurement is likeliest.
+fn share_jumps(found: &mut [Found<'_>]) {
+    /// Sets of jumps that are tried.
+    const SETS: usize = 4;
+    let with_rest = found.iter().filter(|found| found.model.has_rest());
+    let mut jumping: Vec<(f64, Vec<usize>)> = with_rest
+        .filter_map(|found| Some((found.modes.first()?.ln_evidence(), found.model.singular().jumps.clone())))
+        .filter(|(_, jumps)| !jumps.is_empty())
+        .collect();
+    jumping.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut sets: Vec<Vec<usize>> = Vec::new();
+    for (_, jumps) in jumping {
+        if !sets.contains(&jumps) {
+            sets.push(jumps);
+        }
+    }
+    sets.truncate(SETS);
+    found
+        .par_iter_mut()
+        .filter(|found| found.model.has_rest())
+        .for_each(|Found { model, modes, .. }| try_jumps(model, modes, &sets));
 }
 
 /// Ask the hypotheses that are close to the first whether they fit, and all how much they close.

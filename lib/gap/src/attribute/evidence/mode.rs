@@ -139,6 +139,9 @@ fn with_singular(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
             tried.set_form(&tried.added(w), Singular { outliers: Vec::new(), ..model.singular().clone() });
         }
         let start = if noise == Covariance::Given { model.as_stated(w) } else { w.to_vec() };
+        if jumps::likeliest(&tried, &start, &tried.curve(&start)).is_none() {
+            continue;
+        }
         let Some(mode) = jumping(&mut tried, start, noise) else { continue };
         let (mode, _) = with_outliers(&mut tried, mode);
         if mode.ln_posterior > best.ln_posterior {
@@ -148,10 +151,34 @@ fn with_singular(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
     (best, is_changed)
 }
 
-/// A mode of a model whose rest jumps where that gains most, one jump after the other, those left out again that do not
-/// pay in the end; none where nothing gains.
+/// Try the jumps that were found beside other effects, each set of readings by itself, and take those with which the
+/// measurement is likeliest: a search that takes one jump after the other may end elsewhere beside every hypothesis, and what
+/// is told of two of them is not to hang on that.
+pub fn try_jumps(model: &mut Model<'_>, modes: &mut Vec<Mode>, sets: &[Vec<usize>]) {
+    let Some(mut best) = modes.first().cloned() else { return };
+    let mut is_changed = false;
+    for jumps in sets {
+        if *jumps == model.singular().jumps {
+            continue;
+        }
+        let mut tried = model.clone();
+        let w = best.w.as_slice().to_vec();
+        tried.set_form(&tried.added(&w), Singular { outliers: Vec::new(), jumps: jumps.clone() });
+        let Some(mode) = jumping(&mut tried, w, Covariance::Fitted) else { continue };
+        let (mode, _) = with_outliers(&mut tried, mode);
+        if mode.ln_posterior > best.ln_posterior {
+            (*model, best, is_changed) = (tried, mode, true);
+        }
+    }
+    if is_changed {
+        let others: Vec<Vec<f64>> = modes[1..].iter().map(|mode| mode.w.as_slice().to_vec()).collect();
+        *modes = climbed(model, vec![best], others.into_iter());
+    }
+}
+
+/// A mode of a model whose rest jumps where that gains most, one jump after the other beside those that it has, without those
+/// that do not pay in the end.
 fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Option<Mode> {
-    let known = model.singular().jumps.len();
     while model.singular().jumps.len() < MOST_JUMPS {
         let Some(jump) = jumps::likeliest(model, &w, &model.curve(&w)) else { break };
         let Singular { outliers, mut jumps } = model.singular().clone();
@@ -159,9 +186,6 @@ fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Op
         jumps.sort_unstable();
         model.set_form(&model.added(&w), Singular { outliers, jumps });
         w = climb(model, w, &[], covariance)?.w.as_slice().to_vec();
-    }
-    if model.singular().jumps.len() == known {
-        return None;
     }
     let mut mode = climb(model, w, &[], Covariance::Fitted)?;
     loop {
