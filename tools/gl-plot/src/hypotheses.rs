@@ -10,8 +10,7 @@ use gl_figure::panel::{Dot, Panel, room_beside};
 use gl_figure::scene::{Color, Paint, Rect, Scene, color};
 use gl_gap::attribute::winner::cause;
 use gl_inference::observations::{ByName, Observations, Steps};
-use gl_inference::stack::named;
-use gl_inference::stack::{Stack, Test, TestTables};
+use gl_inference::stack::{Stack, Test, TestTables, named};
 use gl_table::Table;
 
 use crate::Style;

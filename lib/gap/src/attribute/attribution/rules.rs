@@ -44,7 +44,7 @@ const LIKELY: f64 = 0.75;
 
 /// What is kept of the probability of a single effect beside a rest at least, however little of the gap it closes, by the ln odds
 /// that it is ahead of something unknown alone after all that it loses: a form that no rest has is in the measurement. Not all,
-/// however far ahead: a rest is smooth, and what is no candidate may have a jump or a turn where one has it.
+/// however far ahead: a rest is smooth but for its jumps, and what is no candidate may have a kink or a turn where one has it.
 const FAR_AHEAD: [(f64, f64); 3] = [(6.0, 0.0), (8.0, LIKELY), (12.0, 0.9)];
 
 /// The same of a single error of the measurement, whose form is so plain that much that is no candidate has a part of it: by up

@@ -83,6 +83,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::attribute::attribution::rest::jumps;
     use crate::attribute::diagnosis::diagnose;
     use crate::attribute::evidence::mode::find;
     use crate::attribute::evidence::model::Singular;
@@ -159,7 +160,6 @@ mod tests {
         }
     }
 
-    /// A wave with a jump is no candidate, and a wave that is one does not come first for what jumps beside it.
     #[test]
     fn a_rest_that_jumps_is_said_where_and_how_far() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
@@ -168,7 +168,7 @@ mod tests {
         let diagnosis = diagnose(&problem, 1, 1).unwrap();
         let first = diagnosis.first();
         assert!(first.is_unknown(), "{}", first.name);
-        let jumps = crate::attribute::attribution::rest::jumps(&problem, first);
+        let jumps = jumps(&problem, first);
         assert_eq!(jumps.len(), 1);
         assert_eq!(jumps[0].reading, 17);
         assert!((jumps[0].size - 15.0 * NOISE).abs() < 5.0 * NOISE, "{jumps:?}");

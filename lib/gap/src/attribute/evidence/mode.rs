@@ -139,10 +139,11 @@ fn with_singular(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
             tried.set_form(&tried.added(w), Singular { outliers: Vec::new(), ..model.singular().clone() });
         }
         let start = if noise == Covariance::Given { model.as_stated(w) } else { w.to_vec() };
-        if jumps::likeliest(&tried, &start, &tried.curve(&start)).is_none() {
+        let Some(w) = jumping(&mut tried, start, noise) else { continue };
+        if tried.singular().jumps == model.singular().jumps {
             continue;
         }
-        let Some(mode) = jumping(&mut tried, start, noise) else { continue };
+        let Some(mode) = without_idle_jumps(&mut tried, w) else { continue };
         let (mode, _) = with_outliers(&mut tried, mode);
         if mode.ln_posterior > best.ln_posterior {
             (*model, best, is_changed) = (tried, mode, true);
@@ -164,7 +165,8 @@ pub fn try_jumps(model: &mut Model<'_>, modes: &mut Vec<Mode>, sets: &[Vec<usize
         let mut tried = model.clone();
         let w = best.w.as_slice().to_vec();
         tried.set_form(&tried.added(&w), Singular { outliers: Vec::new(), jumps: jumps.clone() });
-        let Some(mode) = jumping(&mut tried, w, Covariance::Fitted) else { continue };
+        let w = jumping(&mut tried, w, Covariance::Fitted);
+        let Some(mode) = w.and_then(|w| without_idle_jumps(&mut tried, w)) else { continue };
         let (mode, _) = with_outliers(&mut tried, mode);
         if mode.ln_posterior > best.ln_posterior {
             (*model, best, is_changed) = (tried, mode, true);
@@ -176,9 +178,8 @@ pub fn try_jumps(model: &mut Model<'_>, modes: &mut Vec<Mode>, sets: &[Vec<usize
     }
 }
 
-/// A mode of a model whose rest jumps where that gains most, one jump after the other beside those that it has, without those
-/// that do not pay in the end.
-fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Option<Mode> {
+/// Let the rest jump where that gains most, one jump after the other beside those that it has; where a climb ends with them.
+fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Option<Vec<f64>> {
     while model.singular().jumps.len() < MOST_JUMPS {
         let Some(jump) = jumps::likeliest(model, &w, &model.curve(&w)) else { break };
         let Singular { outliers, mut jumps } = model.singular().clone();
@@ -187,7 +188,12 @@ fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Op
         model.set_form(&model.added(&w), Singular { outliers, jumps });
         w = climb(model, w, &[], covariance)?.w.as_slice().to_vec();
     }
-    let mut mode = climb(model, w, &[], Covariance::Fitted)?;
+    Some(w)
+}
+
+/// The mode of a model from a start, without the jumps that do not pay.
+fn without_idle_jumps(model: &mut Model<'_>, start: Vec<f64>) -> Option<Mode> {
+    let mut mode = climb(model, start, &[], Covariance::Fitted)?;
     loop {
         let (w, curve) = (mode.w.as_slice().to_vec(), model.curve(mode.w.as_slice()));
         let added = model.added(&w);
