@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use crate::attribute::attribution::Explanation;
 use crate::attribute::attribution::closure::absorb;
+use crate::attribute::evidence::jumps::products_with_steps;
 use crate::attribute::problem::Problem;
 use gl_numeric::statistics::{mean, sd};
 
@@ -87,11 +88,11 @@ pub fn jumps(problem: &Problem<'_>, of: &Explanation) -> Vec<Jump> {
         return Vec::new();
     };
     let scales = model.nuisances(w).scales;
+    let cross = products_with_steps(problem, solved.as_slice());
     let jump = |&reading: &usize| {
         let observable = problem.observable_of(reading);
-        let after = reading..problem.own(observable).end;
-        let cross: f64 = after.map(|i| problem.units[i] * solved[i]).sum();
-        let size = problem.units[reading] * problem.variance_of_singular(observable, &scales) * cross;
+        let size =
+            problem.units[reading] * problem.variance_of_singular(observable, &scales) * cross[reading];
         Jump { reading, size }
     };
     of.singular.jumps.iter().map(jump).collect()

@@ -3,7 +3,7 @@
 //! What is no candidate may set in all at once, where the test turns, goes faster or yields. A smooth rest cannot follow
 //! that, and any effect that jumps there, too, would be far likelier than it, however little else the two have in common.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use crate::attribute::evidence::model::{Curve, Model, ln_odds};
 use crate::attribute::problem::Problem;
@@ -18,45 +18,40 @@ const JUMP_AT_EVENT: f64 = 0.05;
 pub fn likeliest(model: &Model<'_>, w: &[f64], curve: &Curve) -> Option<usize> {
     let problem = model.problem();
     let jumps = &model.singular().jumps;
-    let steps = steps(problem);
-    let residual = DVector::from_vec(model.residual(&curve.mean));
-    let (solved, precise) = model
+    let residual = DMatrix::from_vec(curve.mean.len(), 1, model.residual(&curve.mean));
+    let (own, precise) = model
         .with_covariance(w, &curve.variance, |covariance| {
-            let precise = covariance.solve(&DMatrix::from_columns(&[residual]));
-            (covariance.solve(&steps), precise)
+            (covariance.precisions_of_steps(), covariance.solve(&residual))
         })
         .ok()?;
+    let cross = products_with_steps(problem, precise.as_slice());
     let scales = model.nuisances(w).scales;
+    let already = ln_odds_of(problem, jumps);
     // What a pattern of a size that is not known gains, by its precision and its product with the residual.
-    let gain = |i: usize, own: f64, cross: f64| {
+    let gained = |i: usize| {
         let variance = problem.variance_of_singular(problem.observable_of(i), &scales);
-        0.5 * (variance * cross * cross / (1.0 + variance * own) - (1.0 + variance * own).ln())
-    };
-    let gained = |&i: &usize| {
+        let share = 1.0 + variance * own[i];
         let with: Vec<usize> = jumps.iter().copied().chain([i]).collect();
-        let step = steps.column(i);
-        let odds = ln_odds_of(problem, &with) - ln_odds_of(problem, jumps);
-        gain(i, step.dot(&solved.column(i)), step.dot(&precise.column(0))) + odds
+        0.5 * (variance * cross[i] * cross[i] / share - share.ln()) + ln_odds_of(problem, &with) - already
     };
     let places = problem.blocks().into_iter().flat_map(|block| block.skip(1));
     places
         .filter(|i| !jumps.contains(i))
-        .map(|i| (gained(&i), i))
+        .map(|i| (gained(i), i))
         .filter(|&(gained, _)| gained > 0.0)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, i)| i)
 }
 
-/// A step of one unit of noise from each reading on, in its observable, shape (readings, readings).
-fn steps(problem: &Problem<'_>) -> DMatrix<f64> {
-    let readings = problem.observed.len();
-    let mut steps = DMatrix::zeros(readings, readings);
+/// Products of a vector, shape (readings,), with a step of one unit of noise from each reading on to the last of its
+/// observable.
+pub fn products_with_steps(problem: &Problem<'_>, of: &[f64]) -> Vec<f64> {
+    let mut products: Vec<f64> = problem.units.iter().zip(of).map(|(unit, value)| unit * value).collect();
     for block in problem.blocks() {
-        for first in block.clone() {
-            (first..block.end).for_each(|i| steps[(i, first)] = problem.units[i]);
-        }
+        let own = &mut products[block];
+        (1..own.len()).rev().for_each(|i| own[i - 1] += own[i]);
     }
-    steps
+    products
 }
 
 /// ln odds beforehand of jumps, in readings: where the control turns, or another observable of the test jumps, one is likely.

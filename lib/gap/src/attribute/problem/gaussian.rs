@@ -229,29 +229,51 @@ impl Filled<'_> {
 
     /// The diagonal of Σ⁻¹, shape (readings,).
     pub fn precisions(&self) -> Vec<f64> {
-        let readings = self.of.reciprocal.len();
-        // Rows of N⁻¹ U diag(c)^½ L⁻ᵀ: what is taken off the noise's precision is the squares of them.
-        let mut columns = DMatrix::zeros(self.roots.len(), readings);
-        let mut weighted = self.of.patterns.clone();
-        for mut column in weighted.column_iter_mut() {
-            let precise = self.precise(column.as_slice());
-            column.copy_from(&precise);
-        }
-        for (i, mut column) in columns.column_iter_mut().enumerate() {
-            column.copy_from(&weighted.row(i).transpose().component_mul(&self.roots));
-            self.factor.solve_lower(column.as_mut_slice());
-        }
+        let taken = self.taken_by_patterns();
         let of_block = |(level, block): (&Level, &Range<usize>)| {
             let (diagonal, ends, _) = level.tridiagonal();
             let is_end = |i: usize, end: usize| if i == end { ends } else { 0.0 };
-            let columns = &columns;
+            let taken = &taken;
             let of_reading = move |i: usize| {
                 let of_noise = diagonal + is_end(i, block.start) + is_end(i + 1, block.end);
-                (of_noise - columns.column(i).norm_squared()) * self.of.reciprocal[i].powi(2)
+                (of_noise - taken.column(i).norm_squared()) * self.of.reciprocal[i].powi(2)
             };
             block.clone().map(of_reading).collect::<Vec<f64>>()
         };
         self.levels.iter().zip(&self.of.blocks).flat_map(of_block).collect()
+    }
+
+    /// sᵀ Σ⁻¹ s of a step s of one unit from each reading on to the last of its observable, shape (readings,).
+    pub fn precisions_of_steps(&self) -> Vec<f64> {
+        let taken = self.taken_by_patterns();
+        let mut precisions = vec![0.0; self.of.reciprocal.len()];
+        for (level, block) in self.levels.iter().zip(&self.of.blocks) {
+            let (diagonal, ends, next) = level.tridiagonal();
+            let mut of_noise = ends - 2.0 * next;
+            let mut of_patterns = DVector::zeros(self.roots.len());
+            for i in block.clone().rev() {
+                of_noise += diagonal + 2.0 * next;
+                of_patterns += taken.column(i);
+                let at_start = if i == block.start { ends } else { 0.0 };
+                precisions[i] = of_noise + at_start - of_patterns.norm_squared();
+            }
+        }
+        precisions
+    }
+
+    /// L⁻¹ diag(c)^½ Uᵀ N⁻¹ in units, the square of which is what the patterns take off the noise's precision,
+    /// shape (patterns, readings).
+    fn taken_by_patterns(&self) -> DMatrix<f64> {
+        let mut weighted = self.of.patterns.clone();
+        for (mut column, root) in weighted.column_iter_mut().zip(self.roots.iter()) {
+            let precise = self.precise(column.as_slice());
+            column.copy_from(&(precise * *root));
+        }
+        let mut taken = weighted.transpose();
+        for mut column in taken.column_iter_mut() {
+            self.factor.solve_lower(column.as_mut_slice());
+        }
+        taken
     }
 }
 
@@ -290,6 +312,12 @@ mod tests {
         let inverse = factor.inverse();
         for (i, precision) in filled.precisions().iter().enumerate() {
             assert!((precision - inverse[(i, i)]).abs() < 1e-12 * inverse[(i, i)]);
+        }
+        for (i, precision) in filled.precisions_of_steps().iter().enumerate() {
+            let on = |k: usize| k >= i && block(k) == block(i);
+            let step = DVector::from_fn(6, |k, _| if on(k) { units[k] } else { 0.0 });
+            let expected = step.dot(&(&inverse * &step));
+            assert!((precision - expected).abs() < 1e-11 * expected, "{precision} {expected}");
         }
     }
 
