@@ -58,6 +58,8 @@ struct Answer {
     is_refuted: bool,
     /// How much of the gap closed with it in the simulation, in per cent, where that is less than half.
     closed: Option<String>,
+    /// Whether the calibration with it in fits badly, for no noise or outliers that were told of.
+    misfits: bool,
 }
 
 /// How many runs something took.
@@ -70,7 +72,7 @@ struct Runs {
     reused: usize,
     failed: usize,
     /// How long they took.
-    time: String,
+    time: Option<String>,
 }
 
 /// What was calibrated.
@@ -190,6 +192,9 @@ const MOST_FAILED: usize = 50;
 /// The code of how many times the stated noise readings scatter.
 const NOISE_SCALE: &str = "noise-scale";
 
+/// The code of readings that are far off.
+const OUTLIERS: &str = "outliers";
+
 impl Content {
     /// Read what there is.
     ///
@@ -256,6 +261,8 @@ impl Content {
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
             is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
+            misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | OUTLIERS))
+                && measured.is_some_and(|of| of.stage.verdict.iter().any(|row| row.code == "bad-fit")),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
@@ -530,8 +537,8 @@ fn runs(
     Ok(runs)
 }
 
-/// How long the runs of some iterations or rounds took.
-fn time(case: &Case, folders: &[PathBuf]) -> Result<String> {
+/// How long the runs of some iterations or rounds took, where that is known.
+fn time(case: &Case, folders: &[PathBuf]) -> Result<Option<String>> {
     let of = |folder: &PathBuf| {
         let names: Vec<&str> = match case.tests.as_slice() {
             [] => vec![""],
@@ -539,15 +546,14 @@ fn time(case: &Case, folders: &[PathBuf]) -> Result<String> {
         };
         names.into_iter().map(|name| folder.join(name).join("runs").join(TIMES)).collect::<Vec<_>>()
     };
-    Ok(match Took::of(folders.iter().flat_map(of))? {
-        None => "how long they took is not known".to_owned(),
-        Some(took) => format!(
+    Ok(Took::of(folders.iter().flat_map(of))?.map(|took| {
+        format!(
             "{} each (median of {}), {} of processor time in all",
             duration(took.median_seconds),
             took.runs,
             duration(took.processor_seconds)
-        ),
-    })
+        )
+    }))
 }
 
 /// A time for a reader.

@@ -65,4 +65,19 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let report = folder.read("out/report.md");
     assert!(!report.contains("`out/closest-base` and"), "{report}");
     assert_eq!(report.matches("runs: closest fit").count(), 2);
+    // What is named explains a gap only where the calibration with it fits, or for a noise that was told of.
+    let stop = |i: usize| format!("out/after-waving/iter{i}/stop-verdict.txt");
+    let last = (0..).map(stop).take_while(|stop| folder.path(stop).exists()).last().unwrap();
+    let headline = |noise: &str, fit: &str| {
+        let cause = "cause\twaving\twaving explains it";
+        folder.write("out/attribution-verdict.txt", &format!("code\tvalue\ttext\n{cause}\n{noise}"));
+        folder.write(&last, &format!("code\tvalue\ttext\nstop\tsettled\tstop, by settled\n{fit}"));
+        folder.run("gl-report case --out out");
+        folder.read("out/report.md").lines().nth(4).unwrap().to_owned()
+    };
+    let bad = "bad-fit\t3\tthe fit is bad\n";
+    let but = "waving explains most of the gap, but with it in the simulation the fit is still bad.";
+    assert_eq!(headline("", bad), but);
+    assert_eq!(headline("", ""), "waving explains the gap.");
+    assert_eq!(headline("noise-scale\t2\tthe readings scatter\n", bad), "waving explains the gap.");
 }

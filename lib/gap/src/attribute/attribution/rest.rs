@@ -192,7 +192,7 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
             shapes.push(Shape { what: what.to_owned(), curve, like });
         }
     };
-    add("no change (a constant)", "an offset of the sensor", vec![1.0; steps]);
+    add("a constant", "an offset of the sensor", vec![1.0; steps]);
     let is_time = test.control_unit.as_deref().is_some_and(|unit| TIMES.contains(&unit));
     let of_kind = |of_way: &'static str, of_time: &'static str| if is_time { of_time } else { of_way };
     let since_start = |t: usize| (-travelled[t] / FADES).exp();

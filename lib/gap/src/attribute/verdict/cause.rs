@@ -227,7 +227,8 @@ fn add_effects(
         )
     } else {
         format!(
-            "{effects} {explains} it: probability {probability:.2}{}{}",
+            "{effects} {explains} it: probability {probability:.2}{}{}{}",
+            beside_a_rest(probability - first.probability),
             by_noise(diagnosis),
             beyond_belief(diagnosis)
         )
@@ -267,6 +268,16 @@ fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
         (true, false) => "runs that have it".to_owned(),
         (false, false) => format!("adding {}, in runs that have {},", named(&effects), named(&errors)),
     }
+}
+
+/// How much of the probability of effects is that they are not alone.
+fn beside_a_rest(probability: f64) -> String {
+    /// Less is not worth a word.
+    const MUCH: f64 = 0.2;
+    if probability < MUCH {
+        return String::new();
+    }
+    format!(", {probability:.2} of it beside something unknown")
 }
 
 /// That what comes first needs a noise which something unknown does without.
