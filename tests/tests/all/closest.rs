@@ -70,8 +70,8 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     let last = (0..).map(stop).take_while(|stop| folder.path(stop).exists()).last().unwrap();
     let headline = |noise: &str, fit: &str| {
         let cause = "cause\twaving\twaving explains it";
-        folder.write("out/attribution-verdict.txt", &format!("code\tvalue\ttext\n{cause}\n{noise}"));
-        folder.write(&last, &format!("code\tvalue\ttext\nstop\tsettled\tstop, by settled\n{fit}"));
+        folder.write("out/attribution-verdict.txt", format!("code\tvalue\ttext\n{cause}\n{noise}"));
+        folder.write(&last, format!("code\tvalue\ttext\nstop\tsettled\tstop, by settled\n{fit}"));
         folder.run("gl-report case --out out");
         folder.read("out/report.md").lines().nth(4).unwrap().to_owned()
     };

@@ -14,7 +14,7 @@ use super::surrogate::{Ranked, Surrogate};
 /// How a batch of runs came out against an emulator that did not know them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proof {
-    /// Number of runs.
+    /// Number of runs that count: those near the posterior, and those that were predicted to be.
     pub runs: usize,
     /// Root mean square of the errors in standard deviations of what was predicted.
     pub z: f64,
@@ -41,7 +41,8 @@ const LESS: f64 = 1e-3;
 /// Error that no likelihood feels, in standard deviations of the noise of all readings together.
 const NEGLIGIBLE: f64 = 0.3;
 
-/// Hold the newest runs against what a surrogate of the others predicts of them.
+/// Hold the newest runs against what a surrogate of the others predicts of them: those that are near the posterior, and those
+/// that were predicted to be. One that is as far off as it was predicted, and only not to the digit, says nothing of it.
 ///
 /// * `variance` — of the noise over that of its base: what errors are small beside.
 ///
@@ -57,13 +58,21 @@ pub fn prove(
 ) -> Result<Option<Proof>> {
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
-    let near: HashSet<String> =
-        ranked.curves().take(ranked.near()).map(|(name, _)| name.to_owned()).collect();
+    let (near, misfits): (HashSet<String>, Vec<f64>) = ranked
+        .curves()
+        .take(ranked.near())
+        .map(|(name, curve)| (name.to_owned(), measured.misfit(&curve)))
+        .unzip();
+    let reach = misfits.into_iter().fold(0.0, f64::max);
     let (mut runs, mut squares) = (0, Vec::new());
     let (mut total, mut degrees) = (0.0, 0.0);
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
+        let predicted = before.emulator.curve(&before.emulator.mean_scores(&space.coordinates(&x)));
+        if !near.contains(name) && measured.misfit(predicted.as_slice()) > reach {
+            continue;
+        }
         let (square, count, error) = surprise(before, space, (measured, variance), &x, &curve);
         total += square;
         degrees += count;

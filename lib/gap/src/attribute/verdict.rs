@@ -11,7 +11,7 @@ use anyhow::Result;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
-use crate::attribute::attribution::closure::gap;
+use crate::attribute::attribution::closure::closest_gap;
 use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::problem::Problem;
 
@@ -47,12 +47,13 @@ pub fn verdict(
         bounds::add_lean(&mut verdicts, lean, diagnosis, bounds);
     }
     let base = diagnosis.attribution.base();
-    let gap = gap(problem, &base.evidence.mean);
+    let gap = closest_gap(problem, base)?;
+    let tests = if problem.tests.len() > 1 { " over all tests" } else { "" };
     verdicts.add(
         "gap",
         gap,
         format!(
-            "the calibrated base model misses the measurement by {:.2} % of its range; noise and scatter alone would give {:.2} %",
+            "the base model misses the measurement by {:.2} % of its range{tests} where it comes closest; noise and scatter alone would give {:.2} %",
             100.0 * gap,
             100.0 * diagnosis.floor
         ),

@@ -141,7 +141,9 @@ fn add_as_likely(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Dia
     let why = match odds {
         ..1.5 => "",
         _ if of.is_of_the_rig => "; so plain an error is a part of much that is unknown",
-        _ if of.closes < NEARLY_ALL => "; what leaves so much is mostly a part of something unknown",
+        _ if of.closes < NEARLY_ALL => {
+            "; but an effect that leaves so much is rarely the cause, so that this counts for little"
+        }
         _ => "",
     };
     verdicts.add("unsettled", UNEXPLAINED, format!(
@@ -189,6 +191,10 @@ fn add_effects(
     let (effects, probability) = (name(&first.hypothesis, &problem.candidates), diagnosis.stated());
     let base = diagnosis.attribution.base();
     let is_part = first.has_rest && !first.closes_most();
+    let closes = shrink(problem, base, first, seed)?;
+    // An observable that is noisy over its range counts for less in units of its noise.
+    let is_another = (closes.median - first.closes).abs() > ANOTHER;
+    let share = percent(if is_another || is_part { first.closes } else { closes.median });
     let like_a_rest = noise::like_a_rest(problem, first);
     let imitated = if first.closes < NEARLY_ALL { IMITATED } else { "" };
     let code = match (is_settled, first.has_rest || like_a_rest.is_some()) {
@@ -211,7 +217,7 @@ fn add_effects(
     } else if first.has_rest {
         format!(
             "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; something else makes the rest{}{}{}{}",
-            percent(first.closes),
+            share,
             if is_clear_of_unknown(diagnosis) { "" } else { ", or all of it" },
             rest::places(problem, first),
             imitated,
@@ -220,7 +226,7 @@ fn add_effects(
     } else if let Some((observable, scale)) = like_a_rest {
         format!(
             "{effects} {is_in} in it ({probability:.2}) and closes {} % of the gap; what it leaves of {observable} is {} times the noise that was stated, and alike from reading to reading: something else makes it, or a noise that is otherwise than stated{imitated}{}{}",
-            percent(first.closes),
+            share,
             short(scale),
             by_noise(diagnosis),
             beyond_belief(diagnosis)
@@ -234,11 +240,8 @@ fn add_effects(
         )
     };
     verdicts.add(code, &effects, text);
-    let closes = shrink(problem, base, first, seed)?;
     let (low, high) = (percent(closes.low), percent(closes.high));
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
-    // An observable that is noisy over its range counts for less in units of its noise.
-    let is_another = (closes.median - first.closes).abs() > ANOTHER;
     let [in_ranges, by_noise] = [percent(closes.median), percent(first.closes)];
     let outliers = if first.singular.outliers.is_empty() { "" } else { ", without what looks like outliers" };
     let how_far = if is_another {
@@ -266,7 +269,9 @@ fn adding(problem: &Problem<'_>, of: &Explanation) -> String {
     match (effects.is_empty(), errors.is_empty()) {
         (_, true) => "adding it".to_owned(),
         (true, false) => "runs that have it".to_owned(),
-        (false, false) => format!("adding {}, in runs that have {},", named(&effects), named(&errors)),
+        (false, false) => {
+            format!("adding {}, and {} to what runs would record,", named(&effects), named(&errors))
+        }
     }
 }
 
@@ -408,7 +413,7 @@ mod tests {
         };
         assert_eq!(said(&[0]), "adding it");
         assert_eq!(said(&[1]), "runs that have it");
-        assert_eq!(said(&[0, 1]), "adding wave, in runs that have offset(y),");
+        assert_eq!(said(&[0, 1]), "adding wave, and offset(y) to what runs would record,");
     }
 
     #[test]

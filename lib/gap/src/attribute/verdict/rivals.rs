@@ -137,7 +137,7 @@ fn add_effort(
         hardest.and_then(|all| all.into_iter().max_by_key(|effort| (effort.measurements, effort.runs)))
     else {
         verdicts.add("effort", "none", format!(
-            "neither further runs nor measurements like this one will tell {pair}, as large as they fit: measure something else"
+            "neither further runs nor measurements like this one will tell {pair}, at the sizes that fit best: measure something else"
         ));
         return Ok(());
     };
@@ -146,19 +146,19 @@ fn add_effort(
         (1, runs) => (
             format!("runs={runs}"),
             format!(
-                "about {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, as large as they fit"
+                "about {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, at the sizes that fit best"
             ),
         ),
         (many, 0) => (
             format!("measurements={many}"),
             format!(
-                "the mean of about {many} measurements like this one would tell {pair}, as large as they fit"
+                "the mean of about {many} measurements like this one would tell {pair}, at the sizes that fit best"
             ),
         ),
         (many, runs) => (
             format!("measurements={many},runs={runs}"),
             format!(
-                "the mean of about {many} measurements like this one, with {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, as large as they fit"
+                "the mean of about {many} measurements like this one, with {runs} further runs near the two (gl-gap-attribute --next-out) would tell {pair}, at the sizes that fit best"
             ),
         ),
     };
