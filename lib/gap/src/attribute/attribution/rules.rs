@@ -32,7 +32,7 @@ const CLOSE_TOGETHER_OF_THE_RIG: [(f64, f64); 2] = [(0.85, 0.0), (1.0, 1.0)];
 /// tenths is what a right one is beside a remainder nearly as large as itself, and loses nothing. What closes less than half is no
 /// answer alone, since something else is said to make most of it, and loses less. What nothing smooth imitates is ahead of a
 /// rest alone by tens, and hardly notices.
-const LEAVES_MUCH: [(f64, f64); 3] = [(0.35, 2.0), (0.5, 6.0), (0.7, 0.0)];
+const LEAVES_MUCH: [(f64, f64); 3] = [(0.35, 1.0), (0.5, 3.0), (0.7, 0.0)];
 
 /// ln odds over something unknown alone that a single effect beside a rest gains, by the share of the gap that it closes. A
 /// smooth effect is hardly likelier than a rest of its own, which may be of any smooth form, and evidence does not see that what
