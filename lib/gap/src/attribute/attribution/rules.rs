@@ -439,19 +439,19 @@ mod tests {
         };
         let kept = |closes: f64| along(&CLOSES, closes);
         assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // Two nats up to 0.35, six at a half, three at six tenths, none from seven on: four are too few at a half, and eleven are
-        // enough.
-        for (ahead, closes) in [(2.0, 0.3), (4.0, 0.425), (6.0, 0.5), (3.0, 0.6), (0.0, 0.7)] {
+        // One nat up to 0.35, three at a half, one and a half at six tenths, none from seven on: two are too few at a half, and
+        // eight are enough.
+        for (ahead, closes) in [(1.0, 0.3), (2.0, 0.425), (3.0, 0.5), (1.5, 0.6), (0.0, 0.7)] {
             assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
         }
-        assert!(probability(4.0, 0.5) < 0.1);
-        assert!((probability(11.0, 0.5) - kept(0.5)).abs() < 0.01);
+        assert!(probability(2.0, 0.5) < 0.2);
+        assert!((probability(8.0, 0.5) - kept(0.5)).abs() < 0.01);
         // What is far ahead is in it, however much else is.
         assert!((probability(30.0, 0.3) - 0.9).abs() < 1e-6 && (probability(15.0, 0.0) - 0.9).abs() < 1e-5);
         assert!((probability(30.0, 0.9) - 1.0).abs() < 1e-6);
         // Somewhat ahead it is likelier than not.
-        assert!((probability(10.0, 0.0) - 0.75).abs() < 1e-3);
-        assert_eq!(probability(8.0, 0.0), 0.0);
+        assert!((probability(9.0, 0.0) - 0.75).abs() < 1e-3);
+        assert_eq!(probability(7.0, 0.0), 0.0);
     }
 
     #[test]
@@ -627,7 +627,9 @@ mod tests {
         for (closes, is_vague) in [(0.95, false), (0.1, true)] {
             assert!((probability("wave", closes, is_vague) - 0.9).abs() < 1e-12);
         }
-        assert!(probability("wave+unexplained", 0.5, false) < 0.02);
+        let odds = 9.0 * (-3f64).exp();
+        let expected = along(&CLOSES, 0.5) * odds / (1.0 + odds);
+        assert!((probability("wave+unexplained", 0.5, false) - expected).abs() < 1e-12);
         let kept = along(&CLOSES, 0.6);
         assert!((probability("wave+unexplained", 0.6, true) - 0.9 * kept).abs() < 1e-12);
     }
