@@ -48,12 +48,11 @@ pub fn verdict(
     }
     let base = diagnosis.attribution.base();
     let gap = closest_gap(problem, base)?;
-    let tests = if problem.tests.len() > 1 { " over all tests" } else { "" };
     verdicts.add(
         "gap",
         gap,
         format!(
-            "the base model misses the measurement by {:.2} % of its range{tests} where it comes closest; noise and scatter alone would give {:.2} %",
+            "the base model misses the measurement by {:.2} % of its range where it comes closest; noise and scatter alone would give {:.2} %",
             100.0 * gap,
             100.0 * diagnosis.floor
         ),
