@@ -401,7 +401,7 @@ pub fn verdict(shrinks: &Shrinks, observables: &[String], is_unseen: bool) -> Ve
         None => add_all(&mut verdicts, all, is_unseen),
     }
     for (name, of) in observables.iter().zip(own).filter(|(_, of)| all.low <= 0.0 && of.low > 0.0) {
-        let (shrink, interval) = (percent(of.shrink), interval(of));
+        let (shrink, interval) = (percent(of.shrink), ends(of));
         verdicts.add("closes-in", name, format!("In {name} it closes by {shrink} % ({interval})."));
     }
     let scales = observables.iter().map(String::as_str).zip(own.iter().map(|of| of.noise_scale));
@@ -418,7 +418,7 @@ fn is_hidden(by_noise: &Shrink, observables: &[Shrink]) -> bool {
 /// That the gap closes, and observables that are noisy over their range hide it where each counts as a share of its range.
 fn add_hidden(verdicts: &mut Verdicts, by_noise: &Shrink, is_unseen: bool) {
     let [the, _] = openings(is_unseen);
-    let (shrink, interval) = (percent(by_noise.shrink), interval(by_noise));
+    let (shrink, interval) = (percent(by_noise.shrink), ends(by_noise));
     let text = format!(
         "{the} gap closes by {shrink} % (90 % interval {interval}), each observable in units of its noise and scatter; as shares of their ranges those that are noisy over it hide it."
     );
@@ -436,7 +436,7 @@ fn add_all(verdicts: &mut Verdicts, all: &Shrink, is_unseen: bool) {
         verdicts.add("no-gap", all.before, text);
         return;
     }
-    let interval = format!("90 % interval {}", interval(all));
+    let interval = format!("90 % interval {}", ends(all));
     let closes = percent(all.shrink.abs());
     let (code, text) = if all.shrink < 0.0 {
         ("grows", format!("{the} gap has grown by {closes} % ({interval} of shrinking)."))
@@ -466,8 +466,9 @@ fn percent(share: f64) -> String {
 }
 
 /// From where to where the gap may have closed.
-fn interval(of: &Shrink) -> String {
-    let [low, high] = two_apart(of.low, of.high);
+fn ends(of: &Shrink) -> String {
+    let [low, high] =
+        if of.low == of.high { [of.low, of.high].map(percent) } else { two_apart(of.low, of.high) };
     format!("{low} to {high} %")
 }
 

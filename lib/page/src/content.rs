@@ -71,7 +71,7 @@ struct Runs {
     /// Those that had been made before and serve here, too.
     reused: usize,
     failed: usize,
-    /// How long they took.
+    /// How long they took, where that is known.
     time: Option<String>,
 }
 
@@ -192,9 +192,6 @@ const MOST_FAILED: usize = 50;
 /// The code of how many times the stated noise readings scatter.
 const NOISE_SCALE: &str = "noise-scale";
 
-/// The code of readings that are far off.
-const OUTLIERS: &str = "outliers";
-
 impl Content {
     /// Read what there is.
     ///
@@ -261,7 +258,7 @@ impl Content {
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
             is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
-            misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | OUTLIERS))
+            misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | "outliers"))
                 && measured.is_some_and(|of| of.stage.verdict.iter().any(|row| row.code == "bad-fit")),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();

@@ -58,26 +58,22 @@ pub fn prove(
 ) -> Result<Option<Proof>> {
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
-    let (near, misfits): (HashSet<String>, Vec<f64>) = ranked
-        .curves()
-        .take(ranked.near())
-        .map(|(name, curve)| (name.to_owned(), measured.misfit(&curve)))
-        .unzip();
-    let reach = misfits.into_iter().fold(0.0, f64::max);
+    let near = ranked.near();
+    let reach = ranked.curves().take(near).map(|(_, curve)| measured.misfit(&curve)).fold(0.0, f64::max);
     let (mut runs, mut squares) = (0, Vec::new());
     let (mut total, mut degrees) = (0.0, 0.0);
-    for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
+    for (rank, (name, curve)) in ranked.curves().enumerate().filter(|(_, (name, _))| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
-        let predicted = before.emulator.curve(&before.emulator.mean_scores(&space.coordinates(&x)));
-        if !near.contains(name) && measured.misfit(predicted.as_slice()) > reach {
+        let Surprise { square, components, error, predicted } =
+            surprise(before, space, (measured, variance), &x, &curve);
+        if rank >= near && predicted > reach {
             continue;
         }
-        let (square, count, error) = surprise(before, space, (measured, variance), &x, &curve);
         total += square;
-        degrees += count;
+        degrees += components;
         runs += 1;
-        squares.extend(Some(error).filter(|_| near.contains(name)));
+        squares.extend(Some(error).filter(|_| rank < near));
     }
     if runs == 0 || degrees < 1.0 {
         return Ok(None);
@@ -97,32 +93,52 @@ fn size_of_scatter(surrogate: &Surrogate, measured: &Measured) -> f64 {
     ((&pattern * covariance).component_mul(&pattern).sum().max(0.0) / pattern.nrows() as f64).sqrt()
 }
 
-/// The square of a run's error in standard deviations of what was predicted, its degrees of freedom, and
-/// the size of the error in those of the noise.
+/// How a run came out.
+struct Surprise {
+    /// Square of its error in standard deviations of what was predicted.
+    square: f64,
+    /// Degrees of freedom of that.
+    components: f64,
+    /// Root mean square of the error over all readings, in standard deviations of the noise.
+    error: f64,
+    /// Misfit that was predicted of it.
+    predicted: f64,
+}
+
+impl Surprise {
+    /// Where what was predicted has no covariance.
+    fn unknown(predicted: f64) -> Self {
+        Self { square: 0.0, components: 0.0, error: f64::INFINITY, predicted }
+    }
+}
+
+/// How a run came out against a surrogate that does not know it.
 fn surprise(
     before: &Surrogate,
     space: &Space,
     (measured, noise): (&Measured, f64),
     x: &[f64],
     curve: &[f64],
-) -> (f64, f64, f64) {
+) -> Surprise {
     let emulator = &before.emulator;
     let (mean, variance) = emulator.predict_scores(&space.coordinates(x));
     let (outputs, k) = emulator.basis().shape();
     let pattern = measured.patterns(emulator);
     let predicted = emulator.curve(&mean);
+    let misfit = measured.misfit(predicted.as_slice());
     let residual = DVector::from_fn(outputs, |o, _| (curve[o] - predicted[o]) / measured.base[o]);
     let gram = pattern.tr_mul(&pattern);
     let variance: Vec<f64> = variance.iter().map(|v| before.calibration * v).collect();
     let covariance = emulator.score_covariance(&variance) + before.scatter.of_scores(emulator, measured);
-    let Some(inverse) = gram.clone().try_inverse() else { return (0.0, 0.0, f64::INFINITY) };
+    let Some(inverse) = gram.clone().try_inverse() else { return Surprise::unknown(misfit) };
     let scores = &inverse * pattern.tr_mul(&residual);
     let whole = covariance + inverse * (NEGLIGIBLE * NEGLIGIBLE * noise);
     let square = match whole.cholesky() {
         Some(cholesky) => scores.dot(&cholesky.solve(&scores)),
-        None => return (0.0, 0.0, f64::INFINITY),
+        None => return Surprise::unknown(misfit),
     };
-    (square, k as f64, (residual.norm_squared() / outputs as f64).sqrt())
+    let error = (residual.norm_squared() / outputs as f64).sqrt();
+    Surprise { square, components: k as f64, error, predicted: misfit }
 }
 
 #[cfg(test)]

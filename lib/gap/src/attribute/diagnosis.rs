@@ -8,6 +8,7 @@ use crate::attribute::attribution::confounding::confounded;
 use crate::attribute::attribution::lean::{Lean, leans};
 use crate::attribute::attribution::untried::{Untried, ignorance, unproven, untried};
 use crate::attribute::attribution::{Attribution, Explanation, RuledOut, attribute};
+use crate::attribute::evidence::model::Model;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
 use crate::attribute::problem::measurement::MeasurementEffect;
@@ -186,9 +187,19 @@ fn floor(problem: &Problem<'_>, explanation: &Explanation) -> Result<f64> {
 /// If a curve or its covariance is not finite.
 pub fn shrink(problem: &Problem<'_>, base: &Explanation, of: &Explanation, seed: u64) -> Result<Foretold> {
     let (before, after) = (base.model(problem), of.model(problem));
-    let before = Fitted { model: &before, mode: &base.evidence.modes[0], mean: &base.evidence.mean };
-    let after = Fitted { model: &after, mode: &of.evidence.modes[0], mean: &of.evidence.mean };
-    closure::predicted_shrink(&before, &after, seed)
+    closure::predicted_shrink(&fitted(&before, base), &fitted(&after, of), seed)
+}
+
+/// The gap that an explanation leaves where it comes closest to the measurement, by the noise as it is stated.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn closest_gap(problem: &Problem<'_>, of: &Explanation) -> Result<f64> {
+    closure::closest_gap(&fitted(&of.model(problem), of))
+}
+
+fn fitted<'a>(model: &'a Model<'a>, of: &'a Explanation) -> Fitted<'a> {
+    Fitted { model, mode: &of.evidence.modes[0], mean: &of.evidence.mean }
 }
 
 /// The noise as standard deviations, shape (observables, steps), as estimated with the most probable

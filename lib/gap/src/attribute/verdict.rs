@@ -11,8 +11,7 @@ use anyhow::Result;
 use gl_inference::prior::Prior;
 use gl_table::verdict::Verdicts;
 
-use crate::attribute::attribution::closure::closest_gap;
-use crate::attribute::diagnosis::Diagnosis;
+use crate::attribute::diagnosis::{Diagnosis, closest_gap};
 use crate::attribute::problem::Problem;
 
 /// An effect that closes less of the gap than this is not worth naming where something unknown comes first.

@@ -22,19 +22,6 @@ pub fn gap(problem: &Problem<'_>, curve: &[f64]) -> f64 {
     gap_of(problem, &left)
 }
 
-/// The gap where a model without a rest comes closest to the measurement, by the noise as it is stated: its most probable
-/// parameters leave what a larger or a correlated noise may be.
-///
-/// # Errors
-/// If a curve or its covariance is not finite.
-pub fn closest_gap(problem: &Problem<'_>, of: &Explanation) -> Result<f64> {
-    let model = of.model(problem).plain();
-    let w = &of.best()[..model.len()];
-    let within = believed(problem, model.simulated_parameters(), &model.point(w));
-    let Descent { residual, .. } = recalibrated((&model, &model.as_stated(w)), &model, w, &within)?;
-    Ok(gap_of(problem, residual.as_slice()).min(gap(problem, &of.evidence.mean)))
-}
-
 /// The same of what is left of the measurement, shape (readings,).
 fn gap_of(problem: &Problem<'_>, left: &[f64]) -> f64 {
     let share = |(i, left): (usize, &f64)| {
@@ -263,6 +250,18 @@ fn calibrated(fitted: &Fitted<'_>, metric: Metric<'_, '_>) -> Result<Descent> {
     let of_measurement = slopes.columns_range(simulated.len()..).into_owned();
     absorb(metric.0, metric.1, &of_measurement, &mut calibrated.residual)?;
     Ok(calibrated)
+}
+
+/// The gap where a model comes closest to the measurement, by the noise as it is stated: its most probable parameters leave
+/// what a larger or a correlated noise may be.
+///
+/// # Errors
+/// If a curve or its covariance is not finite.
+pub fn closest_gap(fitted: &Fitted<'_>) -> Result<f64> {
+    let (problem, plain) = (fitted.model.problem(), fitted.model.plain());
+    let stated = plain.as_stated(&fitted.mode.w.as_slice()[..plain.len()]);
+    let Descent { residual, .. } = calibrated(fitted, (&plain, &stated))?;
+    Ok(gap_of(problem, residual.as_slice()).min(gap(problem, fitted.mean)))
 }
 
 /// What the real simulation, calibrated, may leave of the measurement where its emulator leaves this much, of whose errors the

@@ -439,12 +439,12 @@ mod tests {
         };
         let kept = |closes: f64| along(&CLOSES, closes);
         assert!((probability(5.0, 1.0) - 1.0 / (1.0 + (-5f64).exp())).abs() < 1e-12);
-        // One nat up to 0.35, three at a half, one and a half at six tenths, none from seven on: two are too few at a half, and
+        // One nat up to 0.35, three at a half, one and a half at six tenths, none from seven on: one is too few at a half, and
         // eight are enough.
         for (ahead, closes) in [(1.0, 0.3), (2.0, 0.425), (3.0, 0.5), (1.5, 0.6), (0.0, 0.7)] {
             assert!((probability(ahead, closes) - 0.5 * kept(closes)).abs() < 1e-12, "{closes}");
         }
-        assert!(probability(2.0, 0.5) < 0.2);
+        assert!(probability(1.0, 0.5) < 0.1);
         assert!((probability(8.0, 0.5) - kept(0.5)).abs() < 0.01);
         // What is far ahead is in it, however much else is.
         assert!((probability(30.0, 0.3) - 0.9).abs() < 1e-6 && (probability(15.0, 0.0) - 0.9).abs() < 1e-5);

@@ -194,7 +194,8 @@ fn add_effects(
     let closes = shrink(problem, base, first, seed)?;
     // An observable that is noisy over its range counts for less in units of its noise.
     let is_another = (closes.median - first.closes).abs() > ANOTHER;
-    let share = percent(if is_another || is_part { first.closes } else { closes.median });
+    let [in_ranges, in_noise] = [percent(closes.median), percent(first.closes)];
+    let share = if is_another { &in_noise } else { &in_ranges };
     let like_a_rest = noise::like_a_rest(problem, first);
     let imitated = if first.closes < NEARLY_ALL { IMITATED } else { "" };
     let code = match (is_settled, first.has_rest || like_a_rest.is_some()) {
@@ -242,11 +243,10 @@ fn add_effects(
     verdicts.add(code, &effects, text);
     let (low, high) = (percent(closes.low), percent(closes.high));
     let interval = if low == high { String::new() } else { format!(" ({low} to {high} %)") };
-    let [in_ranges, by_noise] = [percent(closes.median), percent(first.closes)];
     let outliers = if first.singular.outliers.is_empty() { "" } else { ", without what looks like outliers" };
     let how_far = if is_another {
         format!(
-            "{by_noise} % of the gap with each observable in units of its noise, and {in_ranges} %{interval} of it as shares of their ranges{outliers}"
+            "{in_noise} % of the gap with each observable in units of its noise, and {in_ranges} %{interval} of it as shares of their ranges{outliers}"
         )
     } else {
         format!("{in_ranges} %{interval} of the gap")
