@@ -7,31 +7,54 @@ pub struct Stop {
     pub iterations: usize,
     /// A decrease that is not worth another iteration.
     pub decrease: f64,
+    /// A value above which no minimum is of use: a search that is further from it than [`FAR`] steps of the last size is
+    /// given up.
+    pub useful: f64,
+}
+
+/// How many more steps of the last size a search may need to what is of use.
+const FAR: f64 = 20.0;
+
+/// Steps before that is asked: the first ones say little of how far there is to go.
+const FIRST_STEPS: usize = 3;
+
+/// Where a search ended, or where one is to start.
+#[derive(Clone, Debug)]
+pub struct Minimum {
+    /// The place, shape (variables,).
+    pub x: Vec<f64>,
+    /// The value there.
+    pub value: f64,
+    /// The inverse of the second derivatives as the search has found them, shape (variables, variables); none where it took
+    /// no step.
+    pub inverse_hessian: Option<Vec<Vec<f64>>>,
 }
 
 /// Largest change of a variable in one iteration.
 const LONGEST_STEP: f64 = 2.0;
 
-/// Minimise a function within bounds, from `start`; it may be undefined in places. Returns the place and the
-/// value there, if the function is defined at `start`.
+/// Minimise a function within bounds, from `start`; it may be undefined in places. Returns where the search ended, if the
+/// function is defined at `start`.
 ///
 /// * `function` — gives its value and what computes its gradient, which is asked for where a step is taken.
+/// * `inverse_hessian` — what is known of it, shape (variables, variables).
 ///
 /// BFGS on the variables that no bound holds, with backtracking along the path bent at the bounds
 /// (Bertsekas 1982, SIAM J. Control Optim. 20:221).
 pub fn minimise<G: FnOnce() -> Vec<f64>>(
     mut function: impl FnMut(&[f64]) -> Option<(f64, G)>,
     start: &[f64],
+    inverse_hessian: Option<Vec<Vec<f64>>>,
     bounds: &[(f64, f64)],
     stop: Stop,
-) -> Option<(Vec<f64>, f64)> {
+) -> Option<Minimum> {
     let d = start.len();
     let mut x: Vec<f64> = start.iter().zip(bounds).map(|(x, b)| x.clamp(b.0, b.1)).collect();
     let (mut value, gradient) = function(&x)?;
     let mut gradient = gradient();
-    let mut inverse_hessian = scaled_identity(d, 1.0);
-    let mut is_fresh = true;
-    for _ in 0..stop.iterations {
+    let mut is_fresh = inverse_hessian.is_none();
+    let mut inverse_hessian = inverse_hessian.unwrap_or_else(|| scaled_identity(d, 1.0));
+    for iteration in 0..stop.iterations {
         let free: Vec<bool> = (0..d)
             .map(|i| {
                 let (low, high) = bounds[i];
@@ -80,12 +103,13 @@ pub fn minimise<G: FnOnce() -> Vec<f64>>(
         let y: Vec<f64> = (0..d).map(|i| new_gradient[i] - gradient[i]).collect();
         let decrease = value - new_value;
         (x, value, gradient) = (next, new_value, new_gradient);
-        if decrease < stop.decrease && !is_fresh {
+        let is_far = iteration >= FIRST_STEPS && value - stop.useful > FAR * decrease;
+        if (decrease < stop.decrease || is_far) && !is_fresh {
             break;
         }
         is_fresh = !update(&mut inverse_hessian, &s, &y, is_fresh) && is_fresh;
     }
-    Some((x, value))
+    Some(Minimum { x, value, inverse_hessian: (!is_fresh).then_some(inverse_hessian) })
 }
 
 fn scaled_identity(d: usize, scale: f64) -> Vec<Vec<f64>> {
@@ -118,7 +142,7 @@ fn update(inverse: &mut Vec<Vec<f64>>, s: &[f64], y: &[f64], is_fresh: bool) -> 
 mod tests {
     use super::*;
 
-    const STOP: Stop = Stop { iterations: 200, decrease: 1e-14 };
+    const STOP: Stop = Stop { iterations: 200, decrease: 1e-14, useful: f64::INFINITY };
 
     fn rosenbrock(x: &[f64]) -> Option<(f64, impl FnOnce() -> Vec<f64> + use<>)> {
         let (a, b, height) = (1.0 - x[0], x[1] - x[0] * x[0], x[0]);
@@ -127,15 +151,58 @@ mod tests {
 
     #[test]
     fn the_valley_of_rosenbrock_is_followed_to_its_end() {
-        let (x, _) = minimise(rosenbrock, &[-1.2, 1.0], &[(-5.0, 5.0); 2], STOP).unwrap();
+        let Minimum { x, .. } = minimise(rosenbrock, &[-1.2, 1.0], None, &[(-5.0, 5.0); 2], STOP).unwrap();
         assert!((x[0] - 1.0).abs() < 1e-5 && (x[1] - 1.0).abs() < 1e-5, "{x:?}");
     }
 
     #[test]
     fn a_minimum_on_a_bound_is_found() {
         // On x₀ = ½ the minimum over x₁ is at x₀².
-        let (x, _) = minimise(rosenbrock, &[-1.2, 1.0], &[(-5.0, 0.5), (-5.0, 5.0)], STOP).unwrap();
+        let Minimum { x, .. } =
+            minimise(rosenbrock, &[-1.2, 1.0], None, &[(-5.0, 0.5), (-5.0, 5.0)], STOP).unwrap();
         assert!((x[0] - 0.5).abs() < 1e-12 && (x[1] - 0.25).abs() < 1e-5, "{x:?}");
+    }
+
+    /// Where a search from afar ends, and how often the function is asked.
+    fn counted(stop: Stop) -> (Minimum, usize) {
+        let mut asked = 0;
+        let function = |x: &[f64]| {
+            asked += 1;
+            rosenbrock(x)
+        };
+        (minimise(function, &[-1.2, 1.0], None, &[(-5.0, 5.0); 2], stop).unwrap(), asked)
+    }
+
+    #[test]
+    fn a_search_that_knows_how_the_function_bends_asks_it_less_and_ends_at_the_same_place() {
+        let bowl = |x: &[f64]| {
+            let x = [x[0] - 3.0, x[1] + 2.0];
+            Some((x[0] * x[0] + 50.0 * x[1] * x[1] + x[0] * x[1], move || {
+                vec![2.0 * x[0] + x[1], 100.0 * x[1] + x[0]]
+            }))
+        };
+        let search = |inverse_hessian| {
+            let mut asked = 0;
+            let counted = |x: &[f64]| {
+                asked += 1;
+                bowl(x)
+            };
+            let found = minimise(counted, &[2.5, -1.0], inverse_hessian, &[(-5.0, 5.0); 2], STOP).unwrap();
+            assert!((found.x[0] - 3.0).abs() < 1e-5 && (found.x[1] + 2.0).abs() < 1e-5, "{found:?}");
+            (found.inverse_hessian, asked)
+        };
+        let (bend, first) = search(None);
+        let (_, second) = search(bend);
+        assert!(second < first && second <= 4, "{second} {first}");
+    }
+
+    #[test]
+    fn a_search_is_given_up_where_what_is_of_use_is_out_of_reach() {
+        let (_, all) = counted(STOP);
+        let (found, some) = counted(Stop { useful: -1e3, ..STOP });
+        assert!(found.value > 1.0 && some < all / 4, "{found:?} {some} {all}");
+        let (found, _) = counted(Stop { useful: 4.5, ..STOP });
+        assert!(found.value < 1e-10, "{found:?}");
     }
 
     #[test]
@@ -144,7 +211,7 @@ mod tests {
             let x = x[0];
             (x > 0.0).then(|| (x - x.ln(), move || vec![1.0 - 1.0 / x]))
         };
-        let (x, _) = minimise(function, &[0.01], &[(-10.0, 10.0)], STOP).unwrap();
+        let Minimum { x, .. } = minimise(function, &[0.01], None, &[(-10.0, 10.0)], STOP).unwrap();
         assert!((x[0] - 1.0).abs() < 1e-5, "{x:?}");
     }
 }

@@ -299,14 +299,14 @@ impl Asked<'_> {
     fn through(&self, mut surrogate: Surrogate) -> Result<Inference> {
         let Self { space, measured, options, .. } = *self;
         let before = self.before(Recipe { is_kept: false, ..surrogate.recipe });
-        let prove = |variance: f64| match &before {
+        let prove = |variance: f64, reach: f64| match &before {
             Some(before) => {
-                let measured = (measured, variance);
+                let measured = (measured, variance, reach);
                 proof::prove(before, &self.ranked, &self.newest, measured, space, self.samples)
             }
             None => Ok(None),
         };
-        let proof = prove(1.0)?;
+        let proof = prove(1.0, 0.0)?;
         if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
             // What was predicted too boldly may well be so again: of both widths the larger.
             surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
@@ -318,8 +318,9 @@ impl Asked<'_> {
         let sampler =
             Sampler { surrogate: &surrogate, space, measured, options, near: &self.near, is_exact: false };
         let outcome = sampler.settle(&self.nuisances, &self.population)?;
-        // What counts depends on how large the noise turned out to be.
-        let proof = prove(outcome.variance(space))?;
+        // What counts depends on how large the noise turned out to be, and on where the posterior lies.
+        let reach = proof::reach(&surrogate, &outcome.population.points, measured, space);
+        let proof = prove(outcome.variance(space), reach)?;
         self.finish(surrogate, outcome, proof)
     }
 

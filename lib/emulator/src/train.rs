@@ -6,7 +6,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::gp::{Gp, Hyperparameters, Likelihood, Mean, Points};
-use super::minimise::{Stop, minimise};
+use super::minimise::{Minimum, Stop, minimise};
 
 /// Lengths, in units of the range of an input. At the longest an input does nothing.
 const LENGTHS: (f64, f64) = (0.02, 100.0);
@@ -30,6 +30,8 @@ const CURVE: f64 = 3.0;
 /// A length below this bends the curve, and has been fitted to the readings: each costs a factor e (Akaike 1974).
 const BENT: f64 = 3.0;
 
+const NO_FACTOR: &str = "no correlation lengths give a covariance with a Cholesky factor";
+
 /// How to search.
 #[derive(Clone, Copy, Debug)]
 pub struct Search {
@@ -48,7 +50,7 @@ pub struct Search {
 /// The search starts from several places on up to 100 of the points, goes on from the best outcome on
 /// up to 400, and all of them are conditioned on. What is found on few points may be their scatter: on
 /// more, where that is asked for, a curve has to be 20 times as likely as nothing but scatter about the
-/// mean function, and e times that for each length that bends it.
+/// mean function, and e times that for each length that bends it; where that is out of reach the search is given up.
 ///
 /// * `rows` — inputs, shape (points, inputs).
 /// * `points` — the same, with their mean function.
@@ -90,48 +92,54 @@ pub fn train(
 
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.shuffle(generator);
-    let coarse = Stop { iterations: 40, decrease: 1e-2 };
-    let fine = Stop { iterations: 100, decrease: 1e-3 };
+    let coarse = Stop { iterations: 40, decrease: 1e-2, useful: f64::INFINITY };
+    let fine = Stop { iterations: 100, decrease: 1e-3, ..coarse };
     let some = |count: usize| -> Result<(Points, Vec<f64>)> {
         let some_rows: Vec<Vec<f64>> = order[..count].iter().map(|&i| rows[i].clone()).collect();
         let some = Points::new(&some_rows, search.mean)?.with_kernel(points.kernel);
         Ok((some, order[..count].iter().map(|&i| y[i]).collect()))
     };
     if points.len() <= FIRST_POINTS {
-        let (theta, _) = best((points, y), &starts, &bounds, fine, search)?;
-        return Gp::new(points, y, &hyperparameters(&theta));
+        let found = best((points, y), &starts, &bounds, fine, search)?;
+        return Gp::new(points, y, &hyperparameters(&found.x));
     }
     let (few, readings) = some(FIRST_POINTS)?;
-    let (start, _) = best((&few, &readings), &starts, &bounds, coarse, search)?;
+    let start = best((&few, &readings), &starts, &bounds, coarse, search)?;
     let fewer = (points.len() > MOST_POINTS).then(|| some(MOST_POINTS)).transpose()?;
     let many = fewer.as_ref().map_or((points, y), |(points, y)| (points, y.as_slice()));
-    let (theta, value) = best(many, &[start], &bounds, fine, search)?;
+    // As many times as there are more points a likelihood bends more.
+    let more = many.0.len() as f64 / FIRST_POINTS as f64;
+    let inverse_hessian = start.inverse_hessian.map(|rows| scaled(rows, 1.0 / more));
+    let objective_of_many = |theta: &[f64]| objective(many.0, many.1, theta, search.short_length);
     let scatter: Vec<f64> = bounds.iter().map(|(_, highest)| *highest).collect();
+    let of_scatter = search.may_be_scatter.then(|| objective_of_many(&scatter)).flatten();
+    let of_scatter = of_scatter.map(|(value, _)| value);
+    let stop = Stop { useful: of_scatter.map_or(f64::INFINITY, |value| value - CURVE), ..fine };
+    let Minimum { x: theta, value, .. } =
+        minimise(objective_of_many, &start.x, inverse_hessian, &bounds, stop).context(NO_FACTOR)?;
     let bent = theta[..d].iter().filter(|length| length.exp() < BENT).count() as f64;
-    let is_scatter = search.may_be_scatter
-        && objective(many.0, many.1, &scatter, search.short_length)
-            .is_some_and(|of_scatter| of_scatter.0 < value + CURVE + bent);
+    let is_scatter = of_scatter.is_some_and(|of_scatter| of_scatter < value + CURVE + bent);
     if is_scatter {
         return Gp::scatter(points, y, &hyperparameters(&scatter));
     }
     Gp::new(points, y, &hyperparameters(&theta))
 }
 
-/// The best outcome of a search from each start, and the objective there.
+/// The best outcome of a search from each start.
 fn best(
     (points, y): (&Points, &[f64]),
     starts: &[Vec<f64>],
     bounds: &[(f64, f64)],
     stop: Stop,
     search: Search,
-) -> Result<(Vec<f64>, f64)> {
-    starts
-        .iter()
-        .filter_map(|start| {
-            minimise(|theta| objective(points, y, theta, search.short_length), start, bounds, stop)
-        })
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .context("no correlation lengths give a covariance with a Cholesky factor")
+) -> Result<Minimum> {
+    let objective = |theta: &[f64]| objective(points, y, theta, search.short_length);
+    let outcomes = starts.iter().filter_map(|start| minimise(objective, start, None, bounds, stop));
+    outcomes.min_by(|a, b| a.value.total_cmp(&b.value)).context(NO_FACTOR)
+}
+
+fn scaled(rows: Vec<Vec<f64>>, by: f64) -> Vec<Vec<f64>> {
+    rows.into_iter().map(|row| row.into_iter().map(|value| by * value).collect()).collect()
 }
 
 fn hyperparameters(theta: &[f64]) -> Hyperparameters {

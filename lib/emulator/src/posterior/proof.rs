@@ -41,10 +41,31 @@ const LESS: f64 = 1e-3;
 /// Error that no likelihood feels, in standard deviations of the noise of all readings together.
 const NEGLIGIBLE: f64 = 0.3;
 
-/// Hold the newest runs against what a surrogate of the others predicts of them: those that are near the posterior, and those
-/// that were predicted to be. One that is as far off as it was predicted, and only not to the digit, says nothing of it.
+/// Draws of a posterior that say how well a run near it fits, at most, and the share of them that fits as well: in the tail
+/// it has no bound.
+const DRAWS: usize = 200;
+const SHARE: f64 = 0.95;
+
+/// The misfit that nearly all draws of a posterior stay below, by the mean of its surrogate.
+///
+/// * `points` — the draws, shape (draws, dimensions), the parameters first.
+pub fn reach(surrogate: &Surrogate, points: &[Vec<f64>], measured: &Measured, space: &Space) -> f64 {
+    let emulator = &surrogate.emulator;
+    let of = |x: &Vec<f64>| {
+        let scores = emulator.mean_scores(&space.coordinates(&x[..space.len()]));
+        measured.misfit(emulator.curve(&scores).as_slice())
+    };
+    let mut misfits: Vec<f64> = points.iter().step_by(points.len().div_ceil(DRAWS).max(1)).map(of).collect();
+    misfits.sort_by(f64::total_cmp);
+    misfits.get((SHARE * misfits.len() as f64) as usize).copied().unwrap_or(0.0)
+}
+
+/// Hold the newest runs against what a surrogate of the others predicts of them: those that fit as well as the runs near the
+/// posterior or its own draws, and those that were predicted to. One that is as far off as it was predicted, and only not to
+/// the digit, says nothing of it.
 ///
 /// * `variance` — of the noise over that of its base: what errors are small beside.
+/// * `reach` — the misfit of the posterior's draws, see [`reach`]; zero where it is not known yet.
 ///
 /// # Errors
 /// If a sample lacks a parameter.
@@ -52,28 +73,29 @@ pub fn prove(
     before: &Surrogate,
     ranked: &Ranked<'_>,
     newest: &HashSet<&str>,
-    (measured, variance): (&Measured, f64),
+    (measured, variance, reach): (&Measured, f64, f64),
     space: &Space,
     samples: &Samples,
 ) -> Result<Option<Proof>> {
     let values = samples.columns(&space.prior().names())?;
     let places = samples.index();
-    let near = ranked.near();
-    let reach = ranked.curves().take(near).map(|(_, curve)| measured.misfit(&curve)).fold(0.0, f64::max);
+    let near = ranked.curves().take(ranked.near());
+    let reach = near.map(|(_, curve)| measured.misfit(&curve)).fold(reach, f64::max);
     let (mut runs, mut squares) = (0, Vec::new());
     let (mut total, mut degrees) = (0.0, 0.0);
-    for (rank, (name, curve)) in ranked.curves().enumerate().filter(|(_, (name, _))| newest.contains(name)) {
+    for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
         let x = space.place(&values[place]);
         let Surprise { square, components, error, predicted } =
             surprise(before, space, (measured, variance), &x, &curve);
-        if rank >= near && predicted > reach {
+        let is_near = measured.misfit(&curve) <= reach;
+        if !is_near && predicted > reach {
             continue;
         }
         total += square;
         degrees += components;
         runs += 1;
-        squares.extend(Some(error).filter(|_| rank < near));
+        squares.extend(Some(error).filter(|_| is_near));
     }
     if runs == 0 || degrees < 1.0 {
         return Ok(None);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::attribute::attribution::closure::left;
 use crate::attribute::attribution::{Explanation, MOST, RuledOut};
 use crate::attribute::evidence::mode::{Mode, find, likeliest};
-use crate::attribute::evidence::model::{Model, ln_prior};
+use crate::attribute::evidence::model::{Curve, Model, ln_prior};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, is_part};
 
@@ -108,7 +108,8 @@ impl<'a> Imitated<'a> {
         let own = first.model(problem).plain();
         let best = own.with_noise(&first.best()[..own.len()], SAME);
         let aimed = problem.aimed_at(own.mean(&best));
-        let ln_density = ln_density(&Model::new(&aimed, &first.hypothesis, false), &best);
+        let model = Model::new(&aimed, &first.hypothesis, false);
+        let ln_density = ln_density(&model, &best, &model.curve(&best));
         Self { ln_density, nuisances: best[own.curve_parameters()..].to_vec(), problem: aimed }
     }
 
@@ -118,7 +119,7 @@ impl<'a> Imitated<'a> {
         let model = Model::new(&self.problem, hypothesis, false);
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let ahead = |mode: Mode| {
-            let ln = ln_density(&model, mode.w.as_slice());
+            let ln = ln_density(&model, mode.w.as_slice(), &mode.curve);
             (self.ln_density - ln < COINCIDENCE).then_some((ln, mode))
         };
         let (_, likeliest) = ahead(likeliest(&model, &self.nuisances, &mut random)?)?;
@@ -126,7 +127,7 @@ impl<'a> Imitated<'a> {
         if found.is_some() {
             return found;
         }
-        let along = likeliest.drawn_about(model.curve_parameters(), ALONG, WIDER, &mut random);
+        let along = likeliest.drawn_about(&model, ALONG, WIDER, &mut random);
         let mut along: Vec<(f64, Mode)> = along.into_iter().filter_map(ahead).collect();
         along.sort_by(|a, b| b.0.total_cmp(&a.0));
         along.into_iter().find_map(|(_, mode)| find(mode))
@@ -134,8 +135,8 @@ impl<'a> Imitated<'a> {
 }
 
 /// ln density of a model's curve and parameters, but for what is believed of its noise.
-fn ln_density(model: &Model<'_>, w: &[f64]) -> f64 {
-    model.ln_likelihood(w, &model.curve(w)) + ln_prior(&w[..model.curve_parameters()])
+fn ln_density(model: &Model<'_>, w: &[f64], curve: &Curve) -> f64 {
+    model.ln_likelihood(w, curve) + ln_prior(&w[..model.curve_parameters()])
 }
 
 /// An effect at a place, if too little is known there to say what it leaves.

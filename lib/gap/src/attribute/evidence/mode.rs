@@ -19,6 +19,30 @@ pub struct Mode {
     pub covariance: DMatrix<f64>,
     /// ln of likelihood times prior there.
     pub ln_posterior: f64,
+    /// What the simulation gives there.
+    pub curve: Curve,
+}
+
+/// Where a climb starts, and what the simulation gives there: to ask an emulator costs more than all else of a step.
+struct Start {
+    w: Vec<f64>,
+    curve: Curve,
+}
+
+impl Start {
+    /// Several, of which an emulator is asked at once.
+    fn at(model: &Model<'_>, places: Vec<Vec<f64>>) -> impl Iterator<Item = Self> {
+        let variances = model.variances(&places);
+        let start =
+            |(w, variance): (Vec<f64>, _)| Self { curve: Curve { mean: model.mean(&w), variance }, w };
+        places.into_iter().zip(variances).map(start)
+    }
+}
+
+impl From<&Mode> for Start {
+    fn from(mode: &Mode) -> Self {
+        Self { w: mode.w.as_slice().to_vec(), curve: mode.curve.clone() }
+    }
 }
 
 /// Points of the prior from which the best are climbed.
@@ -50,12 +74,12 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
         (false, 0 | 1) => screened(model, SCREENED, random),
         (false, _) => screened(model, SCREENED_BESIDE, random),
     };
-    let mut modes = climbed(model, Vec::new(), starts.iter().cloned().chain(screened));
+    let starts = starts.iter().cloned().chain(screened).collect();
+    let mut modes = climbed(model, Vec::new(), Start::at(model, starts));
     let Some(best) = modes.first().cloned() else { return modes };
     let (best, is_changed) = with_singular(model, best);
     if is_changed {
-        let others = modes[1..].iter().map(|mode| mode.w.as_slice().to_vec());
-        modes = climbed(model, vec![best], others);
+        modes = climbed(model, vec![best], modes[1..].iter().map(Start::from));
     }
     modes
 }
@@ -67,19 +91,16 @@ pub fn likeliest(model: &Model<'_>, nuisances: &[f64], random: &mut ChaCha8Rng) 
         of_curve.chain(nuisances.iter().copied()).collect()
     };
     let drawn: Vec<Vec<f64>> = (0..TRIED).map(drawn).collect();
-    let ln_likelihood = |(w, variance): (Vec<f64>, Vec<f64>)| {
-        let mean = model.mean(&w);
-        (model.ln_likelihood(&w, &Curve { mean, variance }), w)
-    };
-    let variances = model.variances(&drawn);
-    let mut tried: Vec<(f64, Vec<f64>)> = drawn.into_iter().zip(variances).map(ln_likelihood).collect();
+    let ln_likelihood = |start: Start| (model.ln_likelihood(&start.w, &start.curve), start);
+    let mut tried: Vec<(f64, Start)> = Start::at(model, drawn).map(ln_likelihood).collect();
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let modes = tried.into_iter().take(CLIMBED).filter_map(|(_, w)| climb(model, w, &[], Covariance::Given));
+    let starts = tried.into_iter().take(CLIMBED);
+    let modes = starts.filter_map(|(_, start)| climb(model, start, &[], Covariance::Given));
     modes.max_by(|a, b| a.ln_posterior.total_cmp(&b.ln_posterior))
 }
 
 /// The modes that lie apart, best first, of those that are known and those that are reached from starts.
-fn climbed(model: &Model<'_>, mut modes: Vec<Mode>, starts: impl Iterator<Item = Vec<f64>>) -> Vec<Mode> {
+fn climbed(model: &Model<'_>, mut modes: Vec<Mode>, starts: impl Iterator<Item = Start>) -> Vec<Mode> {
     for start in starts {
         modes.extend(climb(model, start, &modes, Covariance::Fitted));
     }
@@ -138,12 +159,13 @@ fn with_singular(model: &mut Model<'_>, best: Mode) -> (Mode, bool) {
         if !keeps_outliers {
             tried.set_form(&tried.added(w), Singular { outliers: Vec::new(), ..model.singular().clone() });
         }
-        let start = if noise == Covariance::Given { model.as_stated(w) } else { w.to_vec() };
-        let Some(w) = jumping(&mut tried, start, noise) else { continue };
+        let w = if noise == Covariance::Given { model.as_stated(w) } else { w.to_vec() };
+        let start = Start { w, curve: best.curve.clone() };
+        let Some(start) = jumping(&mut tried, start, noise) else { continue };
         if tried.singular().jumps == model.singular().jumps {
             continue;
         }
-        let Some(mode) = without_idle_jumps(&mut tried, w) else { continue };
+        let Some(mode) = without_idle_jumps(&mut tried, start) else { continue };
         let (mode, _) = with_outliers(&mut tried, mode);
         if mode.ln_posterior > best.ln_posterior {
             (*model, best, is_changed) = (tried, mode, true);
@@ -163,54 +185,53 @@ pub fn try_jumps(model: &mut Model<'_>, modes: &mut Vec<Mode>, sets: &[Vec<usize
             continue;
         }
         let mut tried = model.clone();
-        let w = best.w.as_slice().to_vec();
-        tried.set_form(&tried.added(&w), Singular { outliers: Vec::new(), jumps: jumps.clone() });
-        let w = jumping(&mut tried, w, Covariance::Fitted);
-        let Some(mode) = w.and_then(|w| without_idle_jumps(&mut tried, w)) else { continue };
+        let added = tried.added(best.w.as_slice());
+        tried.set_form(&added, Singular { outliers: Vec::new(), jumps: jumps.clone() });
+        let start = jumping(&mut tried, Start::from(&best), Covariance::Fitted);
+        let Some(mode) = start.and_then(|start| without_idle_jumps(&mut tried, start)) else { continue };
         let (mode, _) = with_outliers(&mut tried, mode);
         if mode.ln_posterior > best.ln_posterior {
             (*model, best, is_changed) = (tried, mode, true);
         }
     }
     if is_changed {
-        let others: Vec<Vec<f64>> = modes[1..].iter().map(|mode| mode.w.as_slice().to_vec()).collect();
-        *modes = climbed(model, vec![best], others.into_iter());
+        *modes = climbed(model, vec![best], modes[1..].iter().map(Start::from));
     }
 }
 
 /// Let the rest jump where that gains most, one jump after the other beside those that it has; where a climb ends with them.
-fn jumping(model: &mut Model<'_>, mut w: Vec<f64>, covariance: Covariance) -> Option<Vec<f64>> {
+fn jumping(model: &mut Model<'_>, mut start: Start, covariance: Covariance) -> Option<Start> {
     while model.singular().jumps.len() < MOST_JUMPS {
-        let Some(jump) = jumps::likeliest(model, &w, &model.curve(&w)) else { break };
+        let Some(jump) = jumps::likeliest(model, &start.w, &start.curve) else { break };
         let Singular { outliers, mut jumps } = model.singular().clone();
         jumps.push(jump);
         jumps.sort_unstable();
-        model.set_form(&model.added(&w), Singular { outliers, jumps });
-        w = climb(model, w, &[], covariance)?.w.as_slice().to_vec();
+        model.set_form(&model.added(&start.w), Singular { outliers, jumps });
+        start = Start::from(&climb(model, start, &[], covariance)?);
     }
-    Some(w)
+    Some(start)
 }
 
 /// The mode of a model from a start, without the jumps that do not pay.
-fn without_idle_jumps(model: &mut Model<'_>, start: Vec<f64>) -> Option<Mode> {
+fn without_idle_jumps(model: &mut Model<'_>, start: Start) -> Option<Mode> {
     let mut mode = climb(model, start, &[], Covariance::Fitted)?;
     loop {
-        let (w, curve) = (mode.w.as_slice().to_vec(), model.curve(mode.w.as_slice()));
-        let added = model.added(&w);
+        let (w, curve) = (mode.w.as_slice(), &mode.curve);
+        let added = model.added(w);
         let without = |k: usize| {
             let mut less = model.clone();
             let Singular { outliers, mut jumps } = model.singular().clone();
             jumps.remove(k);
             less.set_form(&added, Singular { outliers, jumps });
-            (less.ln_likelihood(&w, &curve), less)
+            (less.ln_likelihood(w, curve), less)
         };
         let all = (0..model.singular().jumps.len()).map(without);
         let Some((ln, less)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        if ln < model.ln_likelihood(&w, &curve) {
+        if ln < model.ln_likelihood(w, curve) {
             break;
         }
         *model = less;
-        mode = climb(model, w, &[], Covariance::Fitted)?;
+        mode = climb(model, Start::from(&mode), &[], Covariance::Fitted)?;
     }
     Some(mode)
 }
@@ -236,8 +257,7 @@ fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (M
     let most = (MOST_OUTLIERS * model.problem().observed.len() as f64) as usize;
     let mut is_changed = false;
     loop {
-        let curve = model.curve(best.w.as_slice());
-        let mut more = model.far_off(best.w.as_slice(), &curve);
+        let mut more = model.far_off(best.w.as_slice(), &best.curve);
         more.retain(|reading| !signal.contains(reading));
         more.truncate(most.saturating_sub(model.singular().outliers.len()));
         if more.is_empty() {
@@ -249,7 +269,7 @@ fn without_signal(model: &mut Model<'_>, mut best: Mode, signal: &[usize]) -> (M
         outliers.sort_unstable();
         let added = if model.has_rest() { model.added(best.w.as_slice()) } else { Vec::new() };
         model.set_form(&added, Singular { outliers, jumps });
-        let next = climb(model, best.w.as_slice().to_vec(), &[], Covariance::Fitted);
+        let next = climb(model, Start::from(&best), &[], Covariance::Fitted);
         let Some(next) = next.filter(|next| next.ln_posterior > best.ln_posterior) else {
             *model = before;
             return (best, is_changed);
@@ -269,11 +289,10 @@ enum Covariance {
 }
 
 /// The mode that is reached from a start; none on the way to one that is known.
-fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode], covariance: Covariance) -> Option<Mode> {
+fn climb(model: &Model<'_>, start: Start, known: &[Mode], covariance: Covariance) -> Option<Mode> {
     let dimensions = model.curve_parameters();
     let objective = |w: &[f64], curve: &Curve| model.ln_likelihood(w, curve) + ln_prior(w);
-    let mut w = start;
-    let mut curve = model.curve(&w);
+    let Start { mut w, mut curve } = start;
     let settle = |w: &mut [f64], curve: &Curve| {
         if covariance == Covariance::Fitted {
             settle_nuisances(model, w, curve);
@@ -281,6 +300,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode], covariance: Covaria
     };
     settle(&mut w, &curve);
     let mut value = objective(&w, &curve);
+    let mut is_current = true;
     let mut damping = 1e-2;
     for iteration in 1..=ITERATIONS {
         let Some((slope, information)) = normal_equations(model, &w, &curve) else { break };
@@ -307,15 +327,17 @@ fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode], covariance: Covaria
             let better = objective(&next, &there);
             if better > value {
                 gained = better - value;
-                (w, curve, value) = (next, there, better);
+                (w, curve, value, is_current) = (next, there, better, false);
                 damping = (damping * 0.2).max(1e-9);
                 break;
             }
             damping *= 8.0;
         }
         let is_done = gained < 0.01;
-        if is_done || iteration % 8 == 0 {
-            curve = model.curve(&w);
+        if is_done || iteration % 8 == 0 || iteration == ITERATIONS {
+            if !is_current {
+                (curve, is_current) = (model.curve(&w), true);
+            }
             settle(&mut w, &curve);
             let settled = objective(&w, &curve);
             if is_done && settled - value < 0.1 {
@@ -341,7 +363,7 @@ fn climb(model: &Model<'_>, start: Vec<f64>, known: &[Mode], covariance: Covaria
         dimensions,
         |w| objective(w, &curve),
     ));
-    Some(Mode { w: DVector::from_vec(w), covariance, ln_posterior: value })
+    Some(Mode { w: DVector::from_vec(w), covariance, ln_posterior: value, curve })
 }
 
 /// Covariance of the nuisances, to second order by differences; of each for itself where all together have
@@ -385,18 +407,19 @@ impl Mode {
     /// curve, which come first; all else is the mode's. None where the posterior has no spread.
     pub fn drawn_about(
         &self,
-        curve_parameters: usize,
+        model: &Model<'_>,
         count: usize,
         wider: f64,
         random: &mut ChaCha8Rng,
     ) -> Vec<Self> {
+        let curve_parameters = model.curve_parameters();
         let spread = self.covariance.view((0, 0), (curve_parameters, curve_parameters)).into_owned();
         let Some(factor) = Cholesky::new(spread).map(Cholesky::unpack) else { return Vec::new() };
         let drawn = |_| {
             let step = &factor * DVector::from_fn(curve_parameters, |_, _| wider * standard_normal(random));
-            let mut place = self.clone();
-            place.w.rows_mut(0, curve_parameters).add_assign(&step);
-            place
+            let mut w = self.w.clone();
+            w.rows_mut(0, curve_parameters).add_assign(&step);
+            Self { curve: model.curve(w.as_slice()), w, ..self.clone() }
         };
         (0..count).map(drawn).collect()
     }
@@ -515,12 +538,15 @@ mod tests {
         let observations = Straight::measured(1.3, 0.6, 0.0, 0.05);
         let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, noise, 1.0).unwrap();
         let model = Model::new(&problem, &[], false);
-        let start = vec![0.5; model.len()];
-        let mode = climb(&model, start.clone(), &[], Covariance::Fitted).unwrap();
-        assert!(climb(&model, start.clone(), std::slice::from_ref(&mode), Covariance::Fitted).is_none());
+        let climb = |known: &[Mode]| {
+            let start = Start::at(&model, vec![vec![0.5; model.len()]]).next().unwrap();
+            climb(&model, start, known, Covariance::Fitted)
+        };
+        let mode = climb(&[]).unwrap();
+        assert!(climb(std::slice::from_ref(&mode)).is_none());
         // One that is elsewhere, or lower, does not end it.
         let elsewhere = Mode { w: mode.w.add_scalar(30.0), ..mode.clone() };
         let lower = Mode { ln_posterior: mode.ln_posterior - 1.0, ..mode };
-        assert!(climb(&model, start, &[elsewhere, lower], Covariance::Fitted).is_some());
+        assert!(climb(&[elsewhere, lower]).is_some());
     }
 }

@@ -263,6 +263,9 @@ impl<'a> Model<'a> {
 
     /// Variance of each component at several parameters, shape (points, components).
     pub fn variances(&self, points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        if self.is_sure {
+            return vec![vec![0.0; self.problem.predictor.basis().ncols()]; points.len()];
+        }
         let points: Vec<Vec<f64>> = points.iter().map(|w| self.point(w)).collect();
         let all = self.problem.predictor.predict_all(&points);
         all.into_iter().map(|Predicted { variance, .. }| variance).collect()
