@@ -18,15 +18,15 @@ const FAR: f64 = 20.0;
 /// Steps before that is asked: the first ones say little of how far there is to go.
 const FIRST_STEPS: usize = 3;
 
-/// Where a search ended, or where one is to start.
+/// Where a search ended.
 #[derive(Clone, Debug)]
 pub struct Minimum {
     /// The place, shape (variables,).
     pub x: Vec<f64>,
     /// The value there.
     pub value: f64,
-    /// The inverse of the second derivatives as the search has found them, shape (variables, variables); none where it took
-    /// no step.
+    /// The inverse of the second derivatives as the search has found them, shape (variables, variables); none where no
+    /// step has shown them.
     pub inverse_hessian: Option<Vec<Vec<f64>>>,
 }
 
@@ -163,14 +163,19 @@ mod tests {
         assert!((x[0] - 0.5).abs() < 1e-12 && (x[1] - 0.25).abs() < 1e-5, "{x:?}");
     }
 
-    /// Where a search from afar ends, and how often the function is asked.
-    fn counted(stop: Stop) -> (Minimum, usize) {
+    /// Where a search ends, and how often the function is asked.
+    fn counted<G: FnOnce() -> Vec<f64>>(
+        function: impl Fn(&[f64]) -> Option<(f64, G)>,
+        start: &[f64],
+        inverse_hessian: Option<Vec<Vec<f64>>>,
+        stop: Stop,
+    ) -> (Minimum, usize) {
         let mut asked = 0;
-        let function = |x: &[f64]| {
+        let count = |x: &[f64]| {
             asked += 1;
-            rosenbrock(x)
+            function(x)
         };
-        (minimise(function, &[-1.2, 1.0], None, &[(-5.0, 5.0); 2], stop).unwrap(), asked)
+        (minimise(count, start, inverse_hessian, &[(-5.0, 5.0); 2], stop).unwrap(), asked)
     }
 
     #[test]
@@ -182,12 +187,7 @@ mod tests {
             }))
         };
         let search = |inverse_hessian| {
-            let mut asked = 0;
-            let counted = |x: &[f64]| {
-                asked += 1;
-                bowl(x)
-            };
-            let found = minimise(counted, &[2.5, -1.0], inverse_hessian, &[(-5.0, 5.0); 2], STOP).unwrap();
+            let (found, asked) = counted(bowl, &[2.5, -1.0], inverse_hessian, STOP);
             assert!((found.x[0] - 3.0).abs() < 1e-5 && (found.x[1] + 2.0).abs() < 1e-5, "{found:?}");
             (found.inverse_hessian, asked)
         };
@@ -198,10 +198,11 @@ mod tests {
 
     #[test]
     fn a_search_is_given_up_where_what_is_of_use_is_out_of_reach() {
-        let (_, all) = counted(STOP);
-        let (found, some) = counted(Stop { useful: -1e3, ..STOP });
+        let until = |useful: f64| counted(rosenbrock, &[-1.2, 1.0], None, Stop { useful, ..STOP });
+        let (_, all) = until(f64::INFINITY);
+        let (found, some) = until(-1e3);
         assert!(found.value > 1.0 && some < all / 4, "{found:?} {some} {all}");
-        let (found, _) = counted(Stop { useful: 4.5, ..STOP });
+        let (found, _) = until(4.5);
         assert!(found.value < 1e-10, "{found:?}");
     }
 

@@ -330,11 +330,7 @@ impl Asked<'_> {
         let Outcome { population, nuisances, correlated, chi_square } = outcome;
         let likelihood = Likelihood::new(&surrogate, space, measured, nuisances.clone());
         let points = thinned(&population.points, options.draws, options.seed);
-        let residual = |x: &Vec<f64>| {
-            let emulator = &surrogate.emulator;
-            let curve = emulator.curve(&emulator.mean_scores(&space.coordinates(x)));
-            measured.residual(curve.as_slice())
-        };
+        let residual = |x: &Vec<f64>| measured.residual(surrogate.curve(space, x).as_slice());
         let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
         let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
         let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();

@@ -10,10 +10,7 @@ use super::Inference;
 impl Inference {
     /// What the emulator makes of each draw, at these places (observable, step, control), shape (observables · steps).
     pub fn curves(&self, places: &[(String, usize, f64)]) -> Vec<Predicted> {
-        let emulator = &self.surrogate.emulator;
-        let curve = |x: &Vec<f64>| -> DVector<f64> {
-            emulator.curve(&emulator.mean_scores(&self.space.coordinates(x)))
-        };
+        let curve = |x: &Vec<f64>| self.surrogate.curve(&self.space, x);
         let curves: Vec<DVector<f64>> = self.points.par_iter().map(curve).collect();
         let even = vec![1.0 / curves.len() as f64; curves.len()];
         let of = |(o, (observable, step, control)): (usize, &(String, usize, f64))| {

@@ -50,11 +50,7 @@ const SHARE: f64 = 0.95;
 ///
 /// * `points` — the draws, shape (draws, dimensions), the parameters first.
 pub fn reach(surrogate: &Surrogate, points: &[Vec<f64>], measured: &Measured, space: &Space) -> f64 {
-    let emulator = &surrogate.emulator;
-    let of = |x: &Vec<f64>| {
-        let scores = emulator.mean_scores(&space.coordinates(&x[..space.len()]));
-        measured.misfit(emulator.curve(&scores).as_slice())
-    };
+    let of = |x: &Vec<f64>| measured.misfit(surrogate.curve(space, x).as_slice());
     let mut misfits: Vec<f64> = points.iter().step_by(points.len().div_ceil(DRAWS).max(1)).map(of).collect();
     misfits.sort_by(f64::total_cmp);
     misfits.get((SHARE * misfits.len() as f64) as usize).copied().unwrap_or(0.0)

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use anyhow::{Context, Result};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::samples::Samples;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::likelihood::Measured;
 use super::scatter::Scatter;
@@ -57,6 +57,13 @@ pub struct Surrogate {
     pub kurtosis: f64,
     /// How it was trained.
     pub recipe: Recipe,
+}
+
+impl Surrogate {
+    /// The mean curve at a point, whose parameters come first, as the emulator sees readings, shape (observables · steps,).
+    pub fn curve(&self, space: &Space, x: &[f64]) -> DVector<f64> {
+        self.emulator.curve(&self.emulator.mean_scores(&space.coordinates(x)))
+    }
 }
 
 /// How an emulator is trained.

@@ -419,9 +419,10 @@ impl Mode {
             let step = &factor * DVector::from_fn(curve_parameters, |_, _| wider * standard_normal(random));
             let mut w = self.w.clone();
             w.rows_mut(0, curve_parameters).add_assign(&step);
-            Self { curve: model.curve(w.as_slice()), w, ..self.clone() }
+            w.as_slice().to_vec()
         };
-        (0..count).map(drawn).collect()
+        let places = Start::at(model, (0..count).map(drawn).collect());
+        places.map(|Start { w, curve }| Self { w: DVector::from_vec(w), curve, ..self.clone() }).collect()
     }
 
     /// ln evidence as if the posterior were normal about this mode (Laplace).
