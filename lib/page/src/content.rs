@@ -60,6 +60,8 @@ struct Answer {
     closed: Option<String>,
     /// Whether the calibration with it in fits badly, for no noise or outliers that were told of.
     misfits: bool,
+    /// Its probability, with two digits, where that leaves room for doubt.
+    probability: Option<String>,
 }
 
 /// How many runs something took.
@@ -131,6 +133,9 @@ struct Gap {
 #[derive(Debug, Serialize)]
 struct Cause {
     verdict: Vec<Sentence>,
+    /// Each hypothesis with its probability.
+    #[serde(skip)]
+    probabilities: Vec<(String, f64)>,
     picture: Picture,
     /// The curves of the most probable hypotheses; none where a diagnosis left none.
     curves: Option<Picture>,
@@ -188,6 +193,12 @@ struct Again {
 /// Hypotheses and failed runs that a page lists.
 const MOST_HYPOTHESES: usize = 8;
 const MOST_FAILED: usize = 50;
+
+/// What a hypothesis ends with that has something unknown beside its effects.
+const BESIDE_UNKNOWN: &str = "+unexplained";
+
+/// From this probability on a cause stands out.
+const SHARP: f64 = 0.95;
 
 /// The code of how many times the stated noise readings scatter.
 const NOISE_SCALE: &str = "noise-scale";
@@ -260,6 +271,7 @@ impl Content {
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
             misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | "outliers"))
                 && measured.is_some_and(|of| of.stage.verdict.iter().any(|row| row.code == "bad-fit")),
+            probability: self.cause.as_ref().and_then(|of| of.doubtful_probability(&first.value)),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
@@ -384,8 +396,12 @@ impl Cause {
             return Ok(None);
         }
         let design = out.join("design");
+        let table = Table::read(&hypotheses)?;
+        let name = table.format().column("hypothesis")?;
+        let names = (0..table.len()).map(|row| table.field(row, name).to_owned());
         Ok(Some(Self {
             verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
+            probabilities: names.zip(table.numbers("probability")?).collect(),
             picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
             curves: pictures::hypotheses(case, &out.join("curves.txt"))?,
             design_runs: rows(&design.join("samples.txt"))?,
@@ -398,6 +414,14 @@ impl Cause {
                 .map(|of| pictures::emulator(case, of, &design))
                 .collect::<Result<_>>()?,
         }))
+    }
+
+    /// The probability of effects, with something unknown beside them and without, where it leaves room for doubt.
+    fn doubtful_probability(&self, effects: &str) -> Option<String> {
+        let says = |name: &str| name.strip_suffix(BESIDE_UNKNOWN).unwrap_or(name) == effects;
+        let own = self.probabilities.iter().filter(|(name, _)| says(name));
+        let probability: f64 = own.map(|(_, probability)| probability).sum();
+        (probability > 0.0 && probability < SHARP).then(|| format!("{probability:.2}"))
     }
 }
 

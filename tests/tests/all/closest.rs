@@ -80,4 +80,8 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     assert_eq!(headline("", bad), but);
     assert_eq!(headline("", ""), "waving explains the gap.");
     assert_eq!(headline("noise-scale\t2\tthe readings scatter\n", bad), "waving explains the gap.");
+    // With a probability that leaves room for doubt, something unknown beside it or not.
+    let rows = "waving\t0.5\nwaving+unexplained\t0.35\nunexplained\t0.15\n";
+    folder.write("out/attribution.txt", format!("hypothesis\tprobability\n{rows}"));
+    assert_eq!(headline("", ""), "waving most likely explains the gap (0.85).");
 }
