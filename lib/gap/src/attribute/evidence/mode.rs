@@ -334,7 +334,7 @@ fn climb(model: &Model<'_>, start: Start, known: &[Mode], covariance: Covariance
             damping *= 8.0;
         }
         let is_done = gained < 0.01;
-        if is_done || iteration % 8 == 0 || iteration == ITERATIONS {
+        if is_done || iteration % 8 == 0 {
             if !is_current {
                 (curve, is_current) = (model.curve(&w), true);
             }
@@ -350,6 +350,11 @@ fn climb(model: &Model<'_>, start: Start, known: &[Mode], covariance: Covariance
                 return None;
             }
         }
+    }
+    if !is_current {
+        curve = model.curve(&w);
+        settle(&mut w, &curve);
+        value = objective(&w, &curve);
     }
     let mut covariance = DMatrix::identity(w.len(), w.len());
     if let Some(factor) =
