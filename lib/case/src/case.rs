@@ -537,12 +537,20 @@ fn check_names(source: &str, text: &str, table: &DeTable<'_>) -> Result<()> {
 }
 
 fn check_keys(source: &str, text: &str, table: &DeTable<'_>, known: &[&str], prefix: &str) -> Result<()> {
+    let is_engine = |name: &str| Engine::ALL.map(Engine::name).contains(&name);
     for key in table.keys() {
         let name = key.get_ref();
+        let at = || place(source, text, key.span().start);
+        ensure!(
+            known.contains(&name.as_ref()) || !is_engine(name),
+            "{}: {prefix}{name}: an engine, which stands below a line [{}model]",
+            at(),
+            if prefix == "test." { "test." } else { "" }
+        );
         ensure!(
             known.contains(&name.as_ref()),
             "{}: {prefix}{name}: {}",
-            place(source, text, key.span().start),
+            at(),
             suggestion(name, known, "no such setting; they are")
         );
     }

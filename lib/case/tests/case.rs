@@ -74,6 +74,8 @@ fn a_setting_that_there_is_not_is_refused_by_line_with_the_one_that_was_meant() 
     let text = COLLISION.replace("embedded", "embeded");
     assert_eq!(refused(&text, &[]), "case/case.toml:9: model.embeded: did you mean embedded?");
     assert!(refused(COLLISION, &["nums=3"]).starts_with("nums=3: nums: did you mean num?"));
+    let said = refused(&COLLISION.replace("[model]\n", ""), &[]);
+    assert_eq!(said, "case/case.toml:8: embedded: an engine, which stands below a line [model]");
     let said = refused(&format!("colour = 1\n{COLLISION}"), &[]);
     assert!(said.starts_with("case/case.toml:1: colour: no such setting; they are name, control"), "{said}");
 }

@@ -12,7 +12,7 @@ use gl_engine::embedded::simulator;
 use gl_engine::model::{Model, find_program, split_words, yade_script};
 use gl_inference::misfit::{Covariance, Scaling};
 use gl_inference::observations::{Observations, Steps};
-use gl_inference::prior::Prior;
+use gl_inference::prior::{Effect, Prior};
 use gl_inference::samples::{check_parameter_name, sample_names};
 use gl_table::verdict::Verdicts;
 
@@ -45,6 +45,7 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let told = told.collect::<Result<Vec<_>>>()?.join("; ");
     let parameters = counted(prior.names().len(), "parameter");
     verdicts.add("case", &case.name, format!("{}: {parameters} against {told}", case.folder.display()));
+    verdicts.add("parameters", prior.names().len(), roles(&prior, &case));
     verdicts.add("engine", engine, format!("the engine {engine} runs: {model}"));
     if let Some((readings, text)) = untold_noise(&case, &prior, &observations)? {
         verdicts.add("noise-untold", readings, text);
@@ -71,6 +72,20 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     let text = format!("they take about {needed} MB at the most, on a disk that has {free} MB free");
     verdicts.add("megabytes", needed, text);
     Ok(verdicts)
+}
+
+/// The parameters of the base model, and the candidate effects with theirs.
+fn roles(prior: &Prior, case: &Case) -> String {
+    let names: Vec<String> = prior.base().into_iter().map(|of| prior.parameters()[of].name.clone()).collect();
+    let base = format!("parameters of the base model: {}", names.join(", "));
+    let of_effect = |effect: Effect| {
+        let own: Vec<&str> =
+            effect.parameters.iter().map(|&of| prior.parameters()[of].name.as_str()).collect();
+        format!("{} ({})", effect.name, own.join(", "))
+    };
+    let mut effects: Vec<String> = prior.effects().into_iter().map(of_effect).collect();
+    effects.extend(case.measurement.iter().map(|kind| format!("{kind} of the rig")));
+    if effects.is_empty() { base } else { format!("{base}; candidate effects: {}", effects.join(", ")) }
 }
 
 /// Number of readings and what is wrong with it, where a fit by as many parameters leaves nothing that an estimate of the noise

@@ -406,13 +406,22 @@ pub fn verdict_of_tests(tests: &[(&str, &Observations, &[Stretch])], fit: &Fit, 
     };
     // A sentence is read for where to look first; the table has the rest.
     const TOLD: usize = 3;
+    /// Less of the gap is not where it lies.
+    const MOST: f64 = 0.5;
     let told: Vec<String> = places.iter().take(TOLD).map(place).collect();
     let more = match places.len().saturating_sub(TOLD) {
         0 => String::new(),
         1 => ", and one further stretch".to_owned(),
         more => format!(", and {more} further stretches"),
     };
-    verdicts.add("gap", name(&places[0]), format!("The gap lies {}{more}.", told.join(", ")));
+    let where_to = format!("{}{more}", told.join(", "));
+    let in_all: f64 = places.iter().map(|found| found.share).sum();
+    let text = if in_all < MOST {
+        format!("What stands out of the gap lies {where_to}; most of it is spread.")
+    } else {
+        format!("The gap lies {where_to}.")
+    };
+    verdicts.add("gap", name(&places[0]), text);
     verdicts
 }
 
@@ -612,6 +621,28 @@ mod tests {
         assert!((total - 1.0).abs() < 1e-12, "{total}");
         let largest = stretches.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap();
         assert!(largest.significant && largest.observable == 0 && largest.share > 0.7, "{largest:?}");
+    }
+
+    #[test]
+    fn where_most_of_a_gap_is_spread_it_is_not_said_to_lie_in_what_stands_out() {
+        let case = case(1, &none(), 0.0, 1, 0.0);
+        let stretch = |observable: usize, share: f64, significant: bool| Stretch {
+            observable,
+            steps: 10..20,
+            gap: 1.0,
+            gap_sd: 0.2,
+            z: 5.0,
+            share,
+            significant,
+        };
+        let fit = fit::test(&case.noise_sd, PARAMETERS);
+        let said = |share: f64| {
+            let stretches = [stretch(0, share, true), stretch(1, 1.0 - share, false)];
+            verdict(&stretches, &fit, &case.observations).find("gap").unwrap().text.clone()
+        };
+        assert!(said(0.84).starts_with("The gap lies in ") && said(0.84).ends_with("(84 % of it)."));
+        assert!(said(0.16).starts_with("What stands out of the gap lies in "), "{}", said(0.16));
+        assert!(said(0.16).ends_with("(16 % of it); most of it is spread."));
     }
 
     #[test]

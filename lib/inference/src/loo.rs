@@ -301,12 +301,12 @@ pub fn verdicts(readings: &[Reading], is_restated: bool) -> Verdicts {
         let (observable, step) = (&first.observable, first.step);
         let text = match doubtful.len() {
             1 => format!(
-                "the reading of {observable} at step {step} says what no other says; what they predict of it is \
-                 rough (k above {TRUSTED_SHAPE})"
+                "the reading of {observable} at step {step} decides much by itself: what the others predict of it rests on few \
+                 draws and is rough (Pareto k above {TRUSTED_SHAPE})"
             ),
             count => format!(
-                "{count} readings, that of {observable} at step {step} first, say what no other says; what the others \
-                 predict of them is rough (k above {TRUSTED_SHAPE})"
+                "{count} readings, that of {observable} at step {step} first, decide much by themselves: what the others predict \
+                 of them rests on few draws and is rough (Pareto k above {TRUSTED_SHAPE})"
             ),
         };
         verdicts.add("loo-unreliable", doubtful.len(), text);

@@ -64,6 +64,17 @@ struct Answer {
     probability: Option<String>,
 }
 
+/// What a page says already, so that it is no doubt of a calibration by itself.
+#[derive(Clone, Copy, Default)]
+struct Said {
+    /// That the model misses the measurement, which is what is to be explained.
+    of_gap: bool,
+    /// How the readings scatter.
+    of_noise: bool,
+    /// What the bounds are worth: the model with the effect in has others.
+    of_bounds: bool,
+}
+
 /// How many runs something took.
 #[derive(Debug, Serialize)]
 struct Runs {
@@ -276,10 +287,20 @@ impl Content {
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
         let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
-        self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), has_gap));
+        // What the base model lacks pulls at its parameters.
+        let said = Said { of_gap: has_gap, of_noise: is_told, of_bounds: has_gap && measured.is_some() };
+        self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), said));
         if let (Some(measured), Some(closed)) = (measured, &self.closed) {
-            self.doubts
-                .extend(measured.stage.doubts(Some(&format!("the model with {}", closed.with)), false));
+            let whose = format!("the model with {}", closed.with);
+            let said = Said { of_noise: is_told, ..Said::default() };
+            self.doubts.extend(measured.stage.doubts(Some(&whose), said));
+            let effects = self.answer.as_ref().map(|answer| answer.value.as_str());
+            if effects.is_some_and(|of| self.cause.iter().any(|cause| cause.is_beside_unknown(of))) {
+                self.doubts.push(format!(
+                    "Something else is at work beside {}, and pulls at the parameters of {whose}: their intervals do not know of it, and are too narrow.",
+                    closed.with
+                ));
+            }
         }
     }
 }
@@ -299,9 +320,8 @@ impl Stage {
         })
     }
 
-    /// What speaks against trusting this calibration, that of `whose` model where there are several. Where there is a gap to
-    /// diagnose, that it misfits is none.
-    fn doubts(&self, whose: Option<&str>, has_gap: bool) -> Vec<String> {
+    /// What speaks against trusting this calibration, that of `whose` model where there are several, but for what is said already.
+    fn doubts(&self, whose: Option<&str>, said: Said) -> Vec<String> {
         let of = whose.map(|whose| format!(" of {whose}")).unwrap_or_default();
         let mut doubts = Vec::new();
         if let Some(times) = &self.standing.tempering {
@@ -315,13 +335,16 @@ impl Stage {
                 self.standing.ess_runs
             ));
         }
-        // These two are said above.
-        let is_said = |code: &str| matches!(code, "sigma-above-noise" | "few-runs");
-        let is_misfit = |code: &str| {
-            matches!(code, "bad-fit" | "too-few-inside" | "noise-too-small" | "noise-correlated")
+        let is_said = |code: &str| match code {
+            // These two are said above.
+            "sigma-above-noise" | "few-runs" => true,
+            "bad-fit" | "too-few-inside" => said.of_gap,
+            "noise-too-small" | "noise-correlated" => said.of_gap || said.of_noise,
+            "noise-too-large" => said.of_noise,
+            "leans" => said.of_bounds,
+            _ => false,
         };
-        let own = self.verdict.iter().filter(|row| is_doubt(&row.code));
-        let own = own.filter(|row| !(is_said(&row.code) || has_gap && is_misfit(&row.code)));
+        let own = self.verdict.iter().filter(|row| is_doubt(&row.code) && !is_said(&row.code));
         doubts.extend(own.map(|row| match whose {
             Some(whose) => format!("In {whose}: {}", row.text),
             None => row.text.clone(),
@@ -418,10 +441,21 @@ impl Cause {
 
     /// The probability of effects, with something unknown beside them and without, where it leaves room for doubt.
     fn doubtful_probability(&self, effects: &str) -> Option<String> {
-        let says = |name: &str| name.strip_suffix(BESIDE_UNKNOWN).unwrap_or(name) == effects;
-        let own = self.probabilities.iter().filter(|(name, _)| says(name));
-        let probability: f64 = own.map(|(_, probability)| probability).sum();
+        let probability = self.probability(effects) + self.probability(&format!("{effects}{BESIDE_UNKNOWN}"));
         (probability > 0.0 && probability < SHARP).then(|| format!("{probability:.2}"))
+    }
+
+    /// Whether effects are likelier with something unknown beside them than without.
+    fn is_beside_unknown(&self, effects: &str) -> bool {
+        self.probability(&format!("{effects}{BESIDE_UNKNOWN}")) > self.probability(effects)
+    }
+
+    /// The probability of a hypothesis, 0 if there is none of that name.
+    fn probability(&self, hypothesis: &str) -> f64 {
+        self.probabilities
+            .iter()
+            .find(|(name, _)| name == hypothesis)
+            .map_or(0.0, |(_, probability)| *probability)
     }
 }
 

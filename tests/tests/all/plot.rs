@@ -413,10 +413,10 @@ fn where_the_control_turns_back_its_branches_are_marked_and_named() {
     let folder = cycles();
     let svg = folder.svg("gap gap.txt -b obs.txt -e runs.txt -w weights.txt --noise f=0.5");
     assert_eq!(series(&svg, "turning point"), 2);
-    assert!(has_text(&svg, "loading") && has_text(&svg, "unloading"));
+    assert!(has_text(&svg, "rising") && has_text(&svg, "falling"));
     let svg = folder.svg("hypotheses -b obs.txt --units u=mm curves.txt");
     assert_eq!(series(&svg, "turning point"), 2);
-    assert!(has_text(&svg, "u (mm)") && has_text(&svg, "step") && has_text(&svg, "unloading"));
+    assert!(has_text(&svg, "u (mm)") && has_text(&svg, "step") && has_text(&svg, "falling"));
 }
 
 #[test]

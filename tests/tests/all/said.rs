@@ -34,6 +34,7 @@ fn what_a_check_says_of_a_case() {
     let said: Vec<&str> = said.lines().filter(|line| !line.contains(" MB ")).collect();
     assert_snapshot!(said.join("\n"), @"
     gl-check: case: 2 parameters against 20 readings of y on x; the noise is known
+    gl-check: parameters of the base model: a, b
     gl-check: the engine local runs: cat {a} {b}
     gl-check: no run has {description} in its command, which says what its results are to be called, {description}_sim.txt
     gl-check: a calibration takes 20 runs an iteration, 3 iterations at the most: 60 runs at the most

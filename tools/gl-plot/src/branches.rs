@@ -26,15 +26,14 @@ impl Branches {
     }
 
     /// Mark the turning points in a panel along the steps, of which the first is number `first`, and name each
-    /// branch above it, where there is room: loading goes the way of the first branch.
+    /// branch above it, where there is room.
     pub fn mark(&self, panel: &mut Panel, first: usize) {
-        let Some(loading) = self.0.first().map(|branch| branch.rises) else { return };
-        for branch in &self.0[1..] {
+        for branch in self.0.iter().skip(1) {
             let paint = Paint::line(color::GREY, 0.6).dashed(1.2, 1.6);
             panel.vertical("turning point", (first + branch.from) as f64, paint);
         }
         for branch in &self.0 {
-            let name = if branch.rises == loading { "loading" } else { "unloading" };
+            let name = if branch.rises { "rising" } else { "falling" };
             let at = |step: usize| panel.at(((first + step) as f64, panel.y.span.low)).0;
             let (from, to) = (at(branch.from), at(branch.to));
             if to - from > font::width(name, SMALL) {

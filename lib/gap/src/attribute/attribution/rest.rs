@@ -237,11 +237,12 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     }
     for k in test.observables.clone() {
         let (name, level) = (&problem.observables[k], &mean[problem.own(k)]);
-        add(
-            &format!("the level of {name}"),
-            "a gain of the sensor, a compliance or adhesion",
-            level.to_vec(),
-        );
+        let like = if k == observable {
+            "a gain of the sensor, a compliance or adhesion"
+        } else {
+            "a compliance or adhesion"
+        };
+        add(&format!("the level of {name}"), like, level.to_vec());
         let most = level.iter().scan(f64::NEG_INFINITY, |most, y| {
             *most = most.max(*y);
             Some(*most)

@@ -207,12 +207,13 @@ fn add_effects(
     let (is_in, explains) = if is_settled { ("is", "explains") } else { ("may be", "may explain") };
     let text = if is_part {
         format!(
-            "{effects} {is_in} in it ({probability:.2}), but closes {} of the gap: something else, which is no candidate, makes most of it{}",
+            "{effects} {is_in} in it ({probability:.2}), but closes {} of the gap{}: something else, which is no candidate, makes most of it{}{imitated}",
             if first.closes < LITTLE {
                 "hardly anything".to_owned()
             } else {
                 format!("no more than {} %", percent(first.closes))
             },
+            if is_another { " in units of the noise" } else { "" },
             rest::places(problem, first)
         )
     } else if first.has_rest {
@@ -234,8 +235,9 @@ fn add_effects(
         )
     } else {
         format!(
-            "{effects} {explains} it: probability {probability:.2}{}{}{}",
+            "{effects} {explains} it: probability {probability:.2}{}{}{}{}",
             beside_a_rest(probability - first.probability),
+            with_others(diagnosis, probability),
             by_noise(diagnosis),
             beyond_belief(diagnosis)
         )
@@ -283,6 +285,19 @@ fn beside_a_rest(probability: f64) -> String {
         return String::new();
     }
     format!(", {probability:.2} of it beside something unknown")
+}
+
+/// That what comes first is in it with a clearly larger probability than that of being all there is: others may be there, too.
+fn with_others(diagnosis: &Diagnosis, probability: f64) -> String {
+    /// Less is not worth a word.
+    const MUCH: f64 = 0.05;
+    let first = &diagnosis.first().hypothesis;
+    let has_it = |of: &&Explanation| first.iter().all(|effect| of.hypothesis.contains(effect));
+    let in_all: f64 = diagnosis.attribution.explanations.iter().filter(has_it).map(|of| of.probability).sum();
+    if in_all - probability < MUCH {
+        return String::new();
+    }
+    format!("; in it, with other effects or without: {in_all:.2}")
 }
 
 /// That what comes first needs a noise which something unknown does without.

@@ -40,7 +40,7 @@ pub(super) fn add_told(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis
     verdicts.add("told-by", names.join(","), text);
 }
 
-/// How much likelier effects are than the nearest other cause, and than something unknown alone: probabilities near one do not
+/// How much likelier effects are than the likeliest of the other candidates, and than something unknown alone: probabilities near one do not
 /// show it, since the same effects with another one, or a rest, are what they leave room for.
 pub(super) fn add_ahead(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
     let (first, explanations) = (diagnosis.first(), &diagnosis.attribution.explanations);
@@ -58,13 +58,22 @@ pub(super) fn add_ahead(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosi
     };
     let effects = name(&first.hypothesis, &problem.candidates);
     let other = other.and_then(|of| {
-        than(of, format!("with {}, the nearest other cause", name(&of.hypothesis, &problem.candidates)))
+        than(
+            of,
+            format!(
+                "with {}, the likeliest of all other candidates",
+                name(&of.hypothesis, &problem.candidates)
+            ),
+        )
     });
     let unknown =
         diagnosis.attribution.unknown().and_then(|of| than(of, "with something unknown alone".to_owned()));
     let than: Vec<String> = other.into_iter().chain(unknown).collect();
     if !than.is_empty() {
-        let text = format!("with {effects} the measurement is {}", than.join(", and "));
+        let mut text = format!("with {effects} the measurement is {}", than.join(", and "));
+        if first.has_rest && first.lost() > 0.0 {
+            text += "; that it leaves so much of the gap counts against it all the same";
+        }
         verdicts.add("ahead", &effects, text);
     }
 }
@@ -212,7 +221,7 @@ mod tests {
         assert_eq!(diagnosis.first().name, "wave");
         assert_eq!(
             said([170.0, 4f64.ln()], &mut diagnosis).unwrap(),
-            "with wave the measurement is e^170 times as likely as with offset(y), the nearest other cause, and 4 times as likely as with something unknown alone"
+            "with wave the measurement is e^170 times as likely as with offset(y), the likeliest of all other candidates, and 4 times as likely as with something unknown alone"
         );
         assert_eq!(
             said([0.1, 4f64.ln()], &mut diagnosis).unwrap(),

@@ -78,12 +78,12 @@ pub(super) fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnos
         let effect = name(&of.hypothesis, &problem.candidates);
         let text = if first.has_rest {
             format!(
-                "{effect} may be in it, too, beside what is unknown: {} with a probability of 0.9, which closes {} % of the gap",
+                "{effect} may be in it, too, beside what is unknown: {} (90 % interval), which closes {} % of the gap",
                 within.join(", "),
                 percent(of.closes)
             )
         } else {
-            format!("{effect} may be there and not show: {} with a probability of 0.9", within.join(", "))
+            format!("{effect} may be there and not show: {} (90 % interval)", within.join(", "))
         };
         verdicts.add("may-hide", &effect, text);
     }
@@ -134,7 +134,7 @@ mod tests {
             text.starts_with("wave may be in it, too, beside what is unknown: c from 0 up to 0."),
             "{text}"
         );
-        assert!(text.ends_with("with a probability of 0.9, which closes 30 % of the gap"), "{text}");
+        assert!(text.ends_with("(90 % interval), which closes 30 % of the gap"), "{text}");
         assert!(said_where(-3.0, 0.3).is_none() && said_where(-1.0, 0.04).is_none());
         said_where(-1.0, 0.6);
         diagnosis.rows[0].confounded = vec!["wave+unexplained".to_owned()];
@@ -165,8 +165,7 @@ mod tests {
         let mut verdicts = Verdicts::default();
         add_hidden(&mut verdicts, &problem, &diagnosis);
         let text = &verdicts.rows.iter().find(|row| row.value == "offset(y)").unwrap().text;
-        let expected =
-            format!(" up to {} kN with a probability of 0.9", short((high * problem.ranges[0]).max(0.0)));
+        let expected = format!(" up to {} kN (90 % interval)", short((high * problem.ranges[0]).max(0.0)));
         assert!(text.contains(&expected), "{text}, {expected}");
     }
 }
