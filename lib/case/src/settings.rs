@@ -8,6 +8,8 @@ use crate::engine::Engine;
 /// What a calibration or diagnosis was called with, kept in its folder as `settings.toml`.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Settings {
+    /// The name of the case.
+    pub case: String,
     /// The engine that makes the runs.
     pub engine: Engine,
     /// Settings of the case that were given for the call, each `KEY=VALUE`.

@@ -156,6 +156,7 @@ fn settings_of_a_call_are_read_as_they_were_written() {
     let folder = tempfile::tempdir().unwrap();
     assert_eq!(Settings::read(folder.path()).unwrap(), None);
     let settings = Settings {
+        case: "a case".to_owned(),
         engine: Engine::YadeBatch,
         given: vec!["noise=f=1".to_owned(), "model=a 'b' \"c\"".to_owned()],
     };

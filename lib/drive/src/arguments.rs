@@ -101,11 +101,24 @@ impl Request {
     }
 
     /// Keep what was given, where it changes what is computed; the time of the file is that of the last change.
-    pub(crate) fn keep(&self, engine: Engine, out: &Path) -> Result<PathBuf> {
+    ///
+    /// # Errors
+    /// If the results of another case are kept there.
+    pub(crate) fn keep(&self, case: &Case, engine: Engine, out: &Path) -> Result<PathBuf> {
+        if let Some(before) = Settings::read(out)? {
+            ensure!(
+                before.case == case.name,
+                "{}: has the results of another case in it, {} ({}), and this is {}; give another --out",
+                out.display(),
+                before.case,
+                Settings::FILE,
+                case.name
+            );
+        }
         let limits = |text: &&String| !text.to_lowercase().starts_with("iterations=");
         let given = self.given.iter().filter(limits).cloned().collect();
         let file = out.join(Settings::FILE);
-        put(&file, Settings { engine, given }.text()?.as_bytes())?;
+        put(&file, Settings { case: case.name.clone(), engine, given }.text()?.as_bytes())?;
         Ok(file)
     }
 }

@@ -4,10 +4,11 @@ pub(crate) mod draws;
 pub(crate) mod emulated;
 pub(crate) mod iteration;
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use clap::Args;
 use gl_case::folders::CURVES;
 use gl_engine::lock::OutLock;
@@ -77,7 +78,7 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
         );
     }
     let runner = Runner::new(&out)?;
-    let settings = request.keep(engine, &out)?;
+    let settings = request.keep(&case, engine, &out)?;
     let setting = Setting {
         case: &case,
         runs: Some((engine, model)),
@@ -115,6 +116,7 @@ pub fn calibrate(request: &Request, limits: Limits, known: Option<&Path>) -> Res
         runner.ask(&call)?;
     }
     show_doubts(&folder)?;
+    set_aside(&setting, last + 1)?;
     finish(&setting, last)?;
     say(format!("\n{}", words::posterior(&out.join("posterior.txt"))?.trim_end()))?;
     Ok(Progress::Finished)
@@ -140,6 +142,25 @@ pub(crate) fn alone(out: &Path, tool: &str) -> Result<OutLock> {
 
 /// Weights of the real runs of a calibration: their curves are what is held against the measurement, scatter and all.
 pub(crate) const RUNS_WEIGHTS: &str = "posterior-runs-weights.txt";
+
+/// Set the folders of iterations from this one on aside, which a call with other settings has left: they are no part of what
+/// this one ends with. An iteration that comes as far again takes up what is in them.
+fn set_aside(setting: &Setting<'_>, first: usize) -> Result<()> {
+    for i in (first..).take_while(|&i| setting.folder(i).exists()) {
+        let (folder, aside) = (setting.folder(i), setting.aside(i));
+        if aside.exists() {
+            std::fs::remove_dir_all(&aside).with_context(|| aside.display().to_string())?;
+        }
+        std::fs::rename(&folder, &aside).with_context(|| folder.display().to_string())?;
+        let text = format!(
+            "{} was made by another call, which went further: it is {} now",
+            folder.display(),
+            aside.display()
+        );
+        gl_cli::note("gl-calibrate", text);
+    }
+    Ok(())
+}
 
 /// What a calibration ends with: all runs, their posterior weights, and what these say.
 fn finish(setting: &Setting<'_>, last: usize) -> Result<()> {
@@ -191,7 +212,13 @@ pub fn done(out: &Path) -> usize {
     (0..).take_while(|i| out.join(format!("iter{i}/stop.code")).exists()).count()
 }
 
-/// A line on stdout.
+/// A line on stdout; nobody has to read it for the work to go on.
 pub(crate) fn say(line: String) -> Result<()> {
-    gl_table::print(&format!("{line}\n"))
+    let is_unread = |error: &Error| {
+        error.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    };
+    match gl_table::print(&format!("{line}\n")) {
+        Err(error) if is_unread(&error) => Ok(()),
+        said => said,
+    }
 }

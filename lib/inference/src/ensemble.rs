@@ -92,6 +92,10 @@ impl Ensemble {
     /// # Errors
     /// See [`Ensemble::read`].
     pub fn parse(source: &str, bytes: &[u8], control: &str, observables: &[String]) -> Result<Self> {
+        ensure!(
+            bytes.is_empty() || bytes.ends_with(b"\n"),
+            "{source}: the last line has no end: the table is cut off"
+        );
         let mut rows = Rows::new(source, bytes)?;
         let format = rows.format().clone();
         check_names(source, control, observables)?;

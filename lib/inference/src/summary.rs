@@ -209,6 +209,12 @@ impl Summary {
     /// If it cannot be read, a quantity is repeated, or one that is a number is none.
     pub fn read(path: &Path) -> Result<Self> {
         let table = Table::read(path)?;
+        table.check_end()?;
+        ensure!(
+            !table.is_empty(),
+            "{}: no quantities; gl-filter --summary writes them",
+            table.format().source()
+        );
         let mut summary = Self::default();
         let (mut seen, mut places) = (HashSet::new(), HashMap::new());
         for (row, Row { quantity, value }) in table.rows()?.into_iter().enumerate() {

@@ -60,6 +60,55 @@ fn times(folder: &Folder, out: &str) -> BTreeMap<PathBuf, SystemTime> {
 }
 
 #[test]
+fn what_a_call_does_not_come_to_is_set_aside_and_taken_up_again() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &[("num", "8")]);
+    let three = ["--iterations", "3"];
+    finish(calibrate(&folder, "local", "out").args(three));
+    let (whole, made) = (results(&folder, "out"), times(&folder, "out/iter2/runs"));
+    let (_, said) = finish(calibrate(&folder, "local", "out").args(["--iterations", "1"]));
+    assert!(said.contains("out/iter1 was made by another call"), "{said}");
+    finish(calibrate(&folder, "local", "one").args(["--iterations", "1"]));
+    let mut short = results(&folder, "out");
+    short.retain(|file, _| !file.to_string_lossy().contains(".aside/"));
+    assert_eq!(short, results(&folder, "one"));
+    finish(calibrate(&folder, "local", "out").args(three));
+    assert_eq!(results(&folder, "out"), whole);
+    assert_eq!(times(&folder, "out/iter2/runs"), made);
+}
+
+#[test]
+fn the_results_of_another_case_are_not_overwritten() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    finish(&mut calibrate(&folder, "local", "out"));
+    let before = folder.files();
+    set(&folder, &[("name", "\"another\"")]);
+    let output = calibrate(&folder, "local", "out").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    assert!(
+        said.contains("the results of another case in it, linear (settings.toml), and this is another"),
+        "{said}"
+    );
+    let is_result = |file: &PathBuf| file.starts_with("out") && !file.ends_with(".lock");
+    let kept = |files: BTreeMap<PathBuf, Vec<u8>>| -> BTreeMap<PathBuf, Vec<u8>> {
+        files.into_iter().filter(|(file, _)| is_result(file)).collect()
+    };
+    assert_eq!(kept(folder.files()), kept(before));
+}
+
+#[test]
+fn a_calibration_goes_on_though_nobody_reads_what_it_says() {
+    let folder = Folder::default();
+    copy_case(&folder, "linear", &SMALL);
+    let mut child = calibrate(&folder, "local", "out").stdout(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+    assert!(folder.path("out/posterior.txt").exists());
+}
+
+#[test]
 fn settings_of_the_call_of_make_and_of_the_case_are_the_same_settings() {
     let folder = Folder::default();
     copy_case(&folder, "linear", &SMALL);

@@ -254,6 +254,18 @@ fn a_number_that_may_be_cut_off_is_refused() {
     folder.refuses(FILTER, &["misfit.txt:", "cut off"]);
     folder.write("misfit.txt", misfits);
     folder.run(FILTER);
+    for (file, call) in [
+        ("samples.txt", FILTER),
+        ("summary.txt", "gl-check-stop summary.txt"),
+        ("ensemble.txt", "gl-emulate -p params.txt -s samples.txt -c x -v y --check ensemble.txt"),
+    ] {
+        let whole = folder.read(file);
+        folder.write(file, whole.trim_end());
+        folder.refuses(call, &[file, "the last line has no end"]);
+        folder.write(file, whole);
+    }
+    folder.write("summary.txt", "quantity value\n");
+    folder.refuses("gl-check-stop summary.txt", &["summary.txt: no quantities"]);
     folder.write("weights.txt", folder.read("weights.txt").trim_end());
     folder.refuses("gl-predict -w weights.txt ensemble.txt -o predicted.txt", &["weights.txt:", "no end"]);
 }

@@ -4,7 +4,7 @@ use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::thread;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use gl_case::{Case, Engine, Posterior, Test};
 use gl_inference::collect::RunStatus;
 use gl_inference::prior::Prior;
@@ -82,6 +82,11 @@ impl Setting<'_> {
         self.out.join(format!("iter{i}"))
     }
 
+    /// Where the folder of an iteration is set aside that a later call did not come to.
+    pub(crate) fn aside(&self, i: usize) -> PathBuf {
+        self.out.join(format!("iter{i}.aside"))
+    }
+
     /// The folder of a test in that of an iteration; the same where the case is one test.
     pub(crate) fn folder_of(&self, i: usize, test: &Test) -> PathBuf {
         within(&self.folder(i), test)
@@ -138,6 +143,10 @@ impl<'a> Iteration<'a> {
                 .flag("--name", case.name_of_runs())
                 .option("--iteration", Some(self.number))
         };
+        let aside = self.setting.aside(self.number);
+        if !self.folder.exists() && aside.exists() {
+            std::fs::rename(&aside, &self.folder).with_context(|| aside.display().to_string())?;
+        }
         make_folder(&self.folder)?;
         let Some(previous) = &self.previous else {
             let mut inputs = self.setting.given();
