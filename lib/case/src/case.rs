@@ -540,19 +540,16 @@ fn check_keys(source: &str, text: &str, table: &DeTable<'_>, known: &[&str], pre
     let is_engine = |name: &str| Engine::ALL.map(Engine::name).contains(&name);
     for key in table.keys() {
         let name = key.get_ref();
-        let at = || place(source, text, key.span().start);
+        if known.contains(&name.as_ref()) {
+            continue;
+        }
+        let at = place(source, text, key.span().start);
         ensure!(
-            known.contains(&name.as_ref()) || !is_engine(name),
-            "{}: {prefix}{name}: an engine, which stands below a line [{}model]",
-            at(),
+            !is_engine(name),
+            "{at}: {prefix}{name}: an engine, which stands below a line [{}model]",
             if prefix == "test." { "test." } else { "" }
         );
-        ensure!(
-            known.contains(&name.as_ref()),
-            "{}: {prefix}{name}: {}",
-            at(),
-            suggestion(name, known, "no such setting; they are")
-        );
+        bail!("{at}: {prefix}{name}: {}", suggestion(name, known, "no such setting; they are"));
     }
     Ok(())
 }

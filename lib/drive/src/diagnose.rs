@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use gl_case::folders::{BASE, BASE_WIDER, SHRINK_BETWEEN};
 use gl_case::{Case, Engine, Posterior, Test, Winner};
-use gl_gap::attribute::winner::{cause, most_probable, winning_effects};
+use gl_gap::attribute::winner::{MostProbable, cause, winning_effects};
 use gl_gap::shrink::COLUMNS;
 use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
@@ -63,7 +63,7 @@ pub fn diagnose(request: &Request, wait: bool) -> Result<Progress> {
     );
     let _lock = alone(&out, "gl-diagnose")?;
     let runner = Runner::new(&out)?;
-    let settings = request.keep(engine, &out)?;
+    let settings = request.keep(&case, engine, &out)?;
     let diagnosis =
         Diagnosis { case: &case, engine, model, request, wait, runner: &runner, out: &out, settings };
     let base = diagnosis.file(BASE);
@@ -221,6 +221,10 @@ impl Diagnosis<'_> {
         if is_current(&table, &found.chain([base.join("posterior.txt")]).collect::<Vec<_>>())? {
             return Ok(());
         }
+        if table.is_file() {
+            let text = "the gap is located once more, by what is known by now of the calibration and of how the readings scatter";
+            gl_cli::note("gl-diagnose", text);
+        }
         let call = self.locating(base, &table)?;
         self.must(&call.verdict(&self.file("locate-verdict.txt")), "locate.log")
     }
@@ -323,7 +327,7 @@ impl Diagnosis<'_> {
                 format!("the gap after is that of runs as the rig would have recorded them, with {rig}");
             gl_cli::note("gl-diagnose", text);
         }
-        let (first, _) = most_probable(&self.attributed()?.0)?;
+        let first = MostProbable::of(&self.attributed()?.0)?.cause;
         let foretold = Some(self.file(FORETOLD)).filter(|table| is_of(table, &first).unwrap_or(false));
         let call = call.file("--foretold", foretold.as_deref());
         self.must(&call.verdict(&self.file("shrink-verdict.txt")).flag("-o", &table), "shrink.log")?;

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use gl_case::Winner;
 use gl_case::folders::{self, SHRINK_BETWEEN};
-use gl_figure::number::significant;
+use gl_figure::number::{short, significant};
+use gl_gap::attribute::attribution::UNEXPLAINED;
+use gl_gap::attribute::rounds::SHARP;
+use gl_gap::attribute::winner::MostProbable;
 use gl_inference::collect::RunStatus;
 use gl_inference::times::{TIMES, Took};
 use gl_table::Table;
@@ -144,9 +147,11 @@ struct Gap {
 #[derive(Debug, Serialize)]
 struct Cause {
     verdict: Vec<Sentence>,
-    /// Each hypothesis with its probability.
     #[serde(skip)]
-    probabilities: Vec<(String, f64)>,
+    most_probable: MostProbable,
+    /// Parameters as they are known beside a rest, if the most probable cause is beside one: `NAME LOW to HIGH`.
+    #[serde(skip)]
+    beside_a_rest: Vec<String>,
     picture: Picture,
     /// The curves of the most probable hypotheses; none where a diagnosis left none.
     curves: Option<Picture>,
@@ -205,11 +210,8 @@ struct Again {
 const MOST_HYPOTHESES: usize = 8;
 const MOST_FAILED: usize = 50;
 
-/// What a hypothesis ends with that has something unknown beside its effects.
-const BESIDE_UNKNOWN: &str = "+unexplained";
-
-/// From this probability on a cause stands out.
-const SHARP: f64 = 0.95;
+/// Where the gap lies, if none stands out of what the base model's calibration leaves open, and yet there is one.
+const NOWHERE: &str = "Where the gap lies cannot be said: no stretch of it stands out of the noise and of the spread that the calibration of the base model has, which takes what it misses for noise.";
 
 /// The code of how many times the stated noise readings scatter.
 const NOISE_SCALE: &str = "noise-scale";
@@ -258,6 +260,13 @@ impl Content {
 
     /// Sort the verdicts into what is concluded and what is doubtful.
     fn conclude(&mut self) {
+        let answer =
+            self.cause.iter().flat_map(|cause| &cause.verdict).find(|of| verdict::is_answer(&of.code));
+        let has_gap = answer.is_some_and(|answer| answer.value != "none");
+        let of_gap = self.gap.iter_mut().flat_map(|gap| &mut gap.verdict);
+        for nowhere in of_gap.filter(|sentence| has_gap && sentence.code == "no-gap") {
+            NOWHERE.clone_into(&mut nowhere.text);
+        }
         let measured = self.closed.as_ref().and_then(|closed| closed.measured.as_ref());
         let of_gap = self.gap.iter().flat_map(|gap| &gap.verdict);
         let of_cause = self.cause.iter().flat_map(|cause| &cause.verdict);
@@ -272,8 +281,9 @@ impl Content {
         let of_others = of_shrink.chain(of_unseen).chain(of_gap).filter(is_new);
         let all: Vec<&Sentence> = of_cause.chain(of_others).collect();
         let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
-        let say = |sentence: &&Sentence| sentence.text.clone();
         let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
+        let say = |sentence: &&Sentence| sentence.text.clone();
+        let named = first.zip(self.cause.as_ref()).and_then(|(first, of)| of.named(&first.value));
         self.answer = first.map(|first| Answer {
             code: first.code.clone(),
             value: first.value.clone(),
@@ -282,11 +292,10 @@ impl Content {
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
             misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | "outliers"))
                 && measured.is_some_and(|of| of.stage.verdict.iter().any(|row| row.code == "bad-fit")),
-            probability: self.cause.as_ref().and_then(|of| of.doubtful_probability(&first.value)),
+            probability: named.filter(|of| of.probability < SHARP).map(|of| format!("{:.2}", of.probability)),
         });
         self.conclusions = all.iter().filter(|sentence| !is_doubt(sentence)).map(say).collect();
         self.doubts = all.iter().filter(is_doubt).map(say).collect();
-        let has_gap = self.answer.as_ref().is_some_and(|answer| answer.value != "none");
         // What the base model lacks pulls at its parameters.
         let said = Said { of_gap: has_gap, of_noise: is_told, of_bounds: has_gap && measured.is_some() };
         self.doubts.extend(self.base.doubts(self.is_diagnosis.then_some("the base model"), said));
@@ -294,11 +303,12 @@ impl Content {
             let whose = format!("the model with {}", closed.with);
             let said = Said { of_noise: is_told, ..Said::default() };
             self.doubts.extend(measured.stage.doubts(Some(&whose), said));
-            let effects = self.answer.as_ref().map(|answer| answer.value.as_str());
-            if effects.is_some_and(|of| self.cause.iter().any(|cause| cause.is_beside_unknown(of))) {
+            if named.is_some_and(|of| of.is_beside_a_rest) {
+                let known = self.cause.iter().flat_map(|of| &of.beside_a_rest).map(String::as_str);
                 self.doubts.push(format!(
-                    "Something else is at work beside {}, and pulls at the parameters of {whose}: their intervals do not know of it, and are too narrow.",
-                    closed.with
+                    "Something else is at work beside {}, and pulls at the parameters of {whose}: their intervals do not know of it, and are too narrow. gl-gap-attribute counts with it, and has (90 % intervals) {}.",
+                    closed.with,
+                    known.collect::<Vec<_>>().join(", ")
                 ));
             }
         }
@@ -419,12 +429,11 @@ impl Cause {
             return Ok(None);
         }
         let design = out.join("design");
-        let table = Table::read(&hypotheses)?;
-        let name = table.format().column("hypothesis")?;
-        let names = (0..table.len()).map(|row| table.field(row, name).to_owned());
+        let most_probable = MostProbable::of(&Table::read(&hypotheses)?)?;
         Ok(Some(Self {
             verdict: verdict::read(&out.join("attribution-verdict.txt"))?,
-            probabilities: names.zip(table.numbers("probability")?).collect(),
+            beside_a_rest: beside_a_rest(&most_probable, &out.join("posterior.txt"))?,
+            most_probable,
             picture: pictures::attribution(&out.join("effects.txt"), &hypotheses)?,
             curves: pictures::hypotheses(case, &out.join("curves.txt"))?,
             design_runs: rows(&design.join("samples.txt"))?,
@@ -439,24 +448,29 @@ impl Cause {
         }))
     }
 
-    /// The probability of effects, with something unknown beside them and without, where it leaves room for doubt.
-    fn doubtful_probability(&self, effects: &str) -> Option<String> {
-        let probability = self.probability(effects) + self.probability(&format!("{effects}{BESIDE_UNKNOWN}"));
-        (probability > 0.0 && probability < SHARP).then(|| format!("{probability:.2}"))
+    /// What is most probable, where that is what the page names.
+    fn named(&self, effects: &str) -> Option<&MostProbable> {
+        Some(&self.most_probable).filter(|of| of.cause == effects)
     }
+}
 
-    /// Whether effects are likelier with something unknown beside them than without.
-    fn is_beside_unknown(&self, effects: &str) -> bool {
-        self.probability(&format!("{effects}{BESIDE_UNKNOWN}")) > self.probability(effects)
+/// See [`Cause::beside_a_rest`], from what `gl-gap-attribute` wrote with `--posterior-out`.
+fn beside_a_rest(most_probable: &MostProbable, posterior: &Path) -> Result<Vec<String>> {
+    if !most_probable.is_beside_a_rest {
+        return Ok(Vec::new());
     }
-
-    /// The probability of a hypothesis, 0 if there is none of that name.
-    fn probability(&self, hypothesis: &str) -> f64 {
-        self.probabilities
-            .iter()
-            .find(|(name, _)| name == hypothesis)
-            .map_or(0.0, |(_, probability)| *probability)
-    }
+    let table = Table::read(posterior)?;
+    let column = |name| table.format().column(name);
+    let (hypothesis, parameter, low, high) =
+        (column("hypothesis")?, column("parameter")?, column("q05")?, column("q95")?);
+    let name = format!("{}+{UNEXPLAINED}", most_probable.cause);
+    (0..table.len())
+        .filter(|&row| table.field(row, hypothesis) == name)
+        .map(|row| {
+            let [low, high] = [low, high].map(|column| table.number(row, column).map(short));
+            Ok(format!("{} {} to {}", table.field(row, parameter), low?, high?))
+        })
+        .collect()
 }
 
 impl Closed {

@@ -11,8 +11,8 @@ use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::generate::{SEEN_WITHOUT, Which};
 use pipelines::withheld::score::{
-    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows, read,
-    reliability, shrink_coverage,
+    Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows,
+    parameter_coverage, read, reliability, shrink_coverage,
 };
 use pipelines::withheld::{diagnose, generate, weigh};
 
@@ -191,6 +191,10 @@ fn score(cases: &[Scored]) -> Result<()> {
         count(&format!("{}: predicted shrink holds", family.to_lowercase()), shrink_coverage(of))?;
     }
     count("all: predicted shrink holds", shrink_coverage(cases.iter()))?;
+    let may_miss = cases.iter().filter(|case| !case.closes_all());
+    count("all: predicted shrink holds, more than a hundredth left", shrink_coverage(may_miss))?;
+    count("all: interval of a parameter holds", parameter_coverage(cases.iter(), false))?;
+    count("all: interval of a parameter holds, beside a rest", parameter_coverage(cases.iter(), true))?;
     let is_seen = |case: &&Scored| {
         case.truth == "none" || if case.truth.contains('+') { case.least } else { case.visibility } >= 0.5
     };

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use gl_gap::attribute::attribution::closure::Foretold;
+use gl_gap::attribute::attribution::marginals::{Marginal, marginals};
 use gl_gap::attribute::diagnosis;
 use gl_gap::attribute::diagnosis::{Diagnosis, shrink};
 use gl_gap::attribute::next_runs::next_runs;
@@ -121,6 +122,7 @@ pub fn diagnose(bench: &Bench, how: How, dir: &Path) -> Result<()> {
         .map(|(row, case)| verdict(bench, how, &designs[&design_of(row)], case))
         .collect::<Result<Vec<_>>>()?;
     write(&list, &verdicts, &dir.join("verdicts.tsv"))?;
+    write_parameters(&list, &verdicts, &dir.join("parameters.tsv"))?;
     let cases = (0..list.len()).map(|row| list.field(row, 0));
     let explanations = verdicts.iter().map(|of| of.diagnosis.attribution.explanations.as_slice());
     weigh::write(cases.zip(explanations), dir)
@@ -132,6 +134,8 @@ struct Verdict {
     is_settled: bool,
     /// How far the gap should close, if an effect comes first.
     closes: Option<Foretold>,
+    /// What is known of the parameters under what comes first.
+    parameters: Vec<Marginal>,
     /// Whether the prior was made wider.
     is_wider: bool,
     /// Runs of the design.
@@ -162,6 +166,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         let named = Some(diagnosis.first()).filter(|first| first.is_cause());
         let base = diagnosis.attribution.base();
         let closes = named.map(|named| shrink(&problem, base, named, how.seed)).transpose()?;
+        let parameters = marginals(&problem, diagnosis.first());
         let is_settled = is_settled(&problem, &diagnosis);
         let standing = Standing {
             cause: cause(&diagnosis.first().name).to_owned(),
@@ -172,7 +177,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         let runs = design.ensemble.len();
-        Ok((Verdict { diagnosis, is_settled, closes, is_wider, runs }, standing))
+        Ok((Verdict { diagnosis, is_settled, closes, parameters, is_wider, runs }, standing))
     };
     let mut round = 1;
     loop {
@@ -243,7 +248,7 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         "runs",
     ];
     let mut table = TableWriter::create(Some(path), &columns)?;
-    for (row, Verdict { diagnosis, is_settled, closes, is_wider, runs }) in verdicts.iter().enumerate() {
+    for (row, Verdict { diagnosis, is_settled, closes, is_wider, runs, .. }) in verdicts.iter().enumerate() {
         let (first, attribution) = (diagnosis.first(), &diagnosis.attribution);
         table.text(list.field(row, 0)).text(cause(&first.name));
         table.numbers(&[diagnosis.stated()]).yes_no(*is_settled);
@@ -257,6 +262,16 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
         let closes = closes.unwrap_or(Foretold { median: 0.0, low: 0.0, high: 0.0 });
         table.numbers(&[closes.median, closes.low, closes.high]);
         table.text(&effects(&diagnosis.effects)).number(*runs as f64).end_row()?;
+    }
+    table.finish()
+}
+
+fn write_parameters(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
+    let mut table = TableWriter::create(Some(path), &["case", "parameter", "mean", "sd", "q05", "q95"])?;
+    for (row, verdict) in verdicts.iter().enumerate() {
+        for Marginal { name, mean, sd, low, high, .. } in &verdict.parameters {
+            table.text(list.field(row, 0)).text(name).numbers(&[*mean, *sd, *low, *high]).end_row()?;
+        }
     }
     table.finish()
 }

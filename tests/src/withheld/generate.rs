@@ -195,7 +195,9 @@ pub fn generate(bench: &Bench, condition: Condition, which: Which, dir: &Path) -
     let mut list = TableWriter::create(Some(&cases.join("cases.tsv")), &columns)?;
     for (stream, case) in &drawn {
         let name = format!("case{stream:04}");
-        let values: Vec<String> = case.values.iter().map(f64::to_string).collect();
+        let parameters = bench.prior.parameters().iter();
+        let values: Vec<String> =
+            parameters.zip(&case.values).map(|(of, value)| format!("{}={value}", of.name)).collect();
         let effects = if case.effects.is_empty() { "none".to_owned() } else { case.effects.join("+") };
         let withheld = case.withheld.as_deref().unwrap_or("-");
         answers.text(&name).text(&format!("{:?}", case.family)).text(&effects).text(withheld);

@@ -56,6 +56,25 @@ pub struct Scored {
     pub shrink: f64,
     /// Candidates, and their stated probability to be in.
     pub effects: Vec<(String, f64)>,
+    /// Whether what comes first has a rest beside it.
+    pub is_beside_a_rest: bool,
+    /// Parameters of the simulation in what comes first.
+    pub parameters: Vec<Known>,
+}
+
+/// What is known of a parameter, and what it is.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// 5 and 95 % quantile of its posterior.
+    pub interval: (f64, f64),
+    /// Its value behind the measurement.
+    pub truth: f64,
+}
+
+impl Known {
+    fn holds(&self) -> bool {
+        self.interval.0 <= self.truth && self.truth <= self.interval.1
+    }
 }
 
 impl Scored {
@@ -69,6 +88,21 @@ impl Scored {
         // Without a wider prior something else is at work indeed.
         let is_told = self.is_outside && self.truth == "none" && self.first == "unexplained";
         self.first == self.right() || is_told || (self.right() == "unexplained" && self.closes_little())
+    }
+
+    /// Whether that is an effect.
+    fn is_right_cause(&self) -> bool {
+        self.is_right() && !self.withheld && self.truth != "none"
+    }
+
+    /// Whether what is behind it lies within the bounds that were told.
+    fn is_within(&self) -> bool {
+        !self.is_outside && !self.is_beyond
+    }
+
+    /// Whether the gap closes, but for a hundredth: the interval of a shrink may end there, and cannot miss then.
+    pub fn closes_all(&self) -> bool {
+        self.shrink >= 0.99
     }
 
     /// Whether the effect that is named closes little of the gap, which is said: something else makes most of it.
@@ -98,13 +132,14 @@ impl Scored {
     }
 }
 
-/// Read `DIR/verdicts.tsv` and `DIR/sealed/answers.tsv`.
+/// Read `DIR/verdicts.tsv`, `DIR/parameters.tsv` and `DIR/sealed/answers.tsv`.
 ///
 /// # Errors
 /// If they cannot be read, or do not belong together.
 pub fn read(dir: &Path) -> Result<Vec<Scored>> {
     let answers = Table::read(&dir.join("sealed/answers.tsv"))?;
     let verdicts = Table::read(&dir.join("verdicts.tsv"))?;
+    let parameters = Table::read(&dir.join("parameters.tsv"))?;
     ensure!(answers.len() == verdicts.len(), "{} answers, {} verdicts", answers.len(), verdicts.len());
     let mut scored = Vec::new();
     for row in 0..answers.len() {
@@ -114,9 +149,11 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
         let number = |table: &Table, column: &str| -> Result<f64> {
             table.number(row, table.format().column(column)?)
         };
-        ensure!(text(&answers, "case")? == text(&verdicts, "case")?, "row {row}: not the same case");
+        let case = text(&answers, "case")?;
+        ensure!(case == text(&verdicts, "case")?, "row {row}: not the same case");
         scored.push(Scored {
-            case: text(&answers, "case")?,
+            parameters: known(&parameters, &case, &text(&answers, "values")?)?,
+            case,
             family: text(&answers, "family")?,
             truth: text(&answers, "effects")?,
             withheld: text(&answers, "withheld")? != "-",
@@ -132,6 +169,7 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             first: text(&verdicts, "first")?,
             probability: number(&verdicts, "probability")?,
             is_settled: text(&verdicts, "settled")? == "yes",
+            is_beside_a_rest: text(&verdicts, "with_rest")? == "yes",
             closes: number(&verdicts, "closes")?,
             confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
@@ -149,6 +187,24 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
     Ok(scored)
 }
 
+/// The parameters of a case, with their values from `NAME=VALUE,…`; errors of the rig have none.
+fn known(parameters: &Table, case: &str, values: &str) -> Result<Vec<Known>> {
+    let column = |name| parameters.format().column(name);
+    let (of, name) = (column("case")?, column("parameter")?);
+    let (low, high) = (column("q05")?, column("q95")?);
+    let values = values.split(',').filter_map(|value| value.split_once('='));
+    let values: Vec<(&str, f64)> =
+        values.map(|(name, value)| Ok((name, value.parse()?))).collect::<Result<_>>()?;
+    let mut known = Vec::new();
+    for row in (0..parameters.len()).filter(|&row| parameters.field(row, of) == case) {
+        if let Some((_, truth)) = values.iter().find(|(known, _)| *known == parameters.field(row, name)) {
+            let interval = (parameters.number(row, low)?, parameters.number(row, high)?);
+            known.push(Known { interval, truth: *truth });
+        }
+    }
+    Ok(known)
+}
+
 /// A share of cases: how many of how many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Share {
@@ -160,7 +216,7 @@ pub struct Share {
 
 impl Share {
     /// Count the cases among those chosen.
-    pub fn count<'a>(cases: impl Iterator<Item = &'a Scored>, so: impl Fn(&Scored) -> bool) -> Self {
+    pub fn count<'a, T: 'a>(cases: impl Iterator<Item = &'a T>, so: impl Fn(&T) -> bool) -> Self {
         cases.fold(Self::default(), |share, case| Self {
             of: share.of + usize::from(so(case)),
             all: share.all + 1,
@@ -228,11 +284,17 @@ pub fn calibration_error_by_chance(statements: &[Statement]) -> f64 {
 /// How often the predicted interval of the shrink holds, where the right effects come first.
 pub fn shrink_coverage<'a>(cases: impl Iterator<Item = &'a Scored>) -> Share {
     // The answer's shrink is of fits within the bounds.
-    let is_within = |case: &&Scored| !case.is_outside && !case.is_beyond;
-    let named =
-        cases.filter(is_within).filter(|case| case.is_right() && !case.withheld && case.truth != "none");
+    let named = cases.filter(|case| case.is_within() && case.is_right_cause());
     // To the digits of a report: an interval may end at 1 exactly.
     Share::count(named, |case| {
         case.predicted.0 - 1e-3 <= case.shrink && case.shrink <= case.predicted.1 + 1e-3
     })
+}
+
+/// How often the interval of a parameter holds, where the right effects come first, beside a rest or without.
+pub fn parameter_coverage<'a>(cases: impl Iterator<Item = &'a Scored>, beside_a_rest: bool) -> Share {
+    let named = cases.filter(|case| case.is_within() && case.is_right_cause());
+    let parameters =
+        named.filter(|case| case.is_beside_a_rest == beside_a_rest).flat_map(|of| &of.parameters);
+    Share::count(parameters, Known::holds)
 }

@@ -155,6 +155,6 @@ fn probabilities(attribution: &Attribution) -> Vec<(String, f64)> {
     let mut single: Vec<&Explanation> =
         attribution.explanations.iter().filter(|of| of.hypothesis.len() == 1 && !of.has_rest).collect();
     single.sort_by_key(|of| of.hypothesis[0]);
-    let probability = |of: &Explanation| attribution.probability_of_effect(of.hypothesis[0]);
+    let probability = |of: &Explanation| attribution.probability_of_effects(&of.hypothesis);
     single.into_iter().map(|of| (of.name.clone(), probability(of))).collect()
 }

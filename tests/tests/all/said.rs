@@ -19,7 +19,7 @@ fn what_an_attribution_says_of_a_cause() {
     let call = "gl-gap-attribute -p effects-params.txt -s effects-samples.txt -b effects-obs.txt -c x -v y \
                 --noise y=0.1 effects-runs.txt -o out.txt";
     assert_snapshot!(tables().run(call), @"
-    gl-gap-attribute: the base model misses the measurement by 5.67 % of its range where it comes closest; noise and scatter alone would give 0.37 %
+    gl-gap-attribute: the base model misses the measurement by 5.67 % of its range where it comes closest in units of the noise; noise and scatter alone would give 0.37 %
     gl-gap-attribute: bending explains it: probability 1.00
     gl-gap-attribute: adding it should close 100 % (99 to 100 %) of the gap
     gl-gap-attribute: the readings of y scatter 0.7 times what was stated; the verdict is by what they do

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::{Context, Error, Result, bail, ensure};
 use clap::{Parser, Subcommand};
-use gl_gap::attribute::winner::most_probable;
+use gl_gap::attribute::winner::MostProbable;
 use gl_gap::blind::{Measurement, effects_of, hidden, strengths, truth};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::ByName;
@@ -145,7 +145,8 @@ fn run(args: &Args) -> Result<bool> {
                 bail!("--right {}: no such effect in {}", other.effect, params.display());
             }
             let truth = hidden(&prior, &Samples::read(answer)?)?;
-            let (first, probability) = most_probable(&Table::read(attribution)?)?;
+            let MostProbable { cause: first, probability, .. } =
+                MostProbable::of(&Table::read(attribution)?)?;
             let effects = effects_of(&prior, &truth);
             let mut table =
                 TableWriter::create(output.as_deref(), &["truth", "strength", "first", "probability"])?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_case::{Case, Winner, folders};
-use gl_gap::attribute::winner::is_beside_a_rest;
+use gl_gap::attribute::winner::MostProbable;
 
 use super::Diagnosis;
 use crate::Progress;
@@ -29,7 +29,7 @@ impl Diagnosis<'_> {
         after: PathBuf,
         winner: &Winner,
     ) -> Result<Option<(PathBuf, PathBuf)>> {
-        if self.is_weighed() || !is_beside_a_rest(&self.attributed()?.0)? {
+        if self.is_weighed() || !MostProbable::of(&self.attributed()?.0)?.is_beside_a_rest {
             return Ok(Some((base, after)));
         }
         let say = |text: &str| gl_cli::note("gl-diagnose", text);

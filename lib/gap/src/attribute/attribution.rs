@@ -221,9 +221,10 @@ impl Attribution {
         together(self.explanations.iter().filter(|of| of.says_as(what)))
     }
 
-    /// Probability of a candidate, by its place, to be in: alone, with others, with a rest or without.
-    pub fn probability_of_effect(&self, candidate: usize) -> f64 {
-        together(self.explanations.iter().filter(|of| of.hypothesis.contains(&candidate)))
+    /// Probability of candidates, by their places, to be in it all: alone, with others, with a rest or without.
+    pub fn probability_of_effects(&self, candidates: &[usize]) -> f64 {
+        let has_all = |of: &&Explanation| candidates.iter().all(|effect| of.hypothesis.contains(effect));
+        together(self.explanations.iter().filter(has_all))
     }
 
     /// The most probable cause of those that name effects, whether it is likely or not, with a rest or without, whichever is

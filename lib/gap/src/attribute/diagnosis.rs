@@ -167,7 +167,7 @@ pub fn diagnose(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Diag
         .candidates
         .iter()
         .enumerate()
-        .map(|(i, candidate)| (candidate.name().to_owned(), attribution.probability_of_effect(i)))
+        .map(|(i, candidate)| (candidate.name().to_owned(), attribution.probability_of_effects(&[i])))
         .collect();
     let leans = leans(problem, explanations)?;
     let ignorance = ignorance(problem, attribution.first());

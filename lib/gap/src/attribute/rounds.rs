@@ -9,7 +9,7 @@ use gl_table::Table;
 
 use crate::attribute::attribution::UNEXPLAINED;
 use crate::attribute::attribution::untried::KNOWN;
-use crate::attribute::winner::most_probable;
+use crate::attribute::winner::MostProbable;
 
 /// The sizes of rounds, as shares of all runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +76,7 @@ pub struct Standing {
 }
 
 /// From this probability on a cause stands out.
-const SHARP: f64 = 0.95;
+pub const SHARP: f64 = 0.95;
 
 /// A probability that changes by less from one round to the next stands still: what keeps it from standing out is what is
 /// believed, and no further run.
@@ -91,7 +91,7 @@ impl Standing {
     /// # Errors
     /// If a column is missing, or there are no rows.
     pub fn of_tables(attribution: &Table, verdict: &Table) -> Result<Self> {
-        let (cause, probability) = most_probable(attribution)?;
+        let MostProbable { cause, probability, .. } = MostProbable::of(attribution)?;
         let (code, value) = (verdict.format().column("code")?, verdict.format().column("value")?);
         let said = |wanted: &'static str| {
             let rows = (0..verdict.len()).filter(move |row| verdict.field(*row, code) == wanted);

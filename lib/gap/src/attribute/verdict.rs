@@ -51,7 +51,7 @@ pub fn verdict(
         "gap",
         gap,
         format!(
-            "the base model misses the measurement by {:.2} % of its range where it comes closest; noise and scatter alone would give {:.2} %",
+            "the base model misses the measurement by {:.2} % of its range where it comes closest in units of the noise; noise and scatter alone would give {:.2} %",
             100.0 * gap,
             100.0 * diagnosis.floor
         ),

@@ -17,46 +17,48 @@ pub fn winning_effects(prior: &Prior, attribution: &Table, verdict: &Verdicts) -
     if verdict.find("untried").is_some() {
         return Ok(Vec::new());
     }
-    let (name, _) = most_probable(attribution)?;
+    let cause = MostProbable::of(attribution)?.cause;
     let known: Vec<String> = prior.effects().into_iter().map(|effect| effect.name).collect();
-    Ok(name.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
+    Ok(cause.split('+').filter(|part| known.iter().any(|effect| effect == part)).map(str::to_owned).collect())
 }
 
-/// The most probable cause and its probability: effects with a rest and without are one.
-///
-/// # Errors
-/// See [`winning_effects`].
-pub fn most_probable(attribution: &Table) -> Result<(String, f64)> {
-    let source = attribution.format().source();
-    ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
-    let hypothesis = attribution.format().column("hypothesis")?;
-    let probability = attribution.numbers("probability")?;
-    let cause = |row: usize| cause(attribution.field(row, hypothesis));
-    // Of several that are as probable, the first.
-    let of_cause = |row: usize| -> f64 {
-        (0..probability.len())
-            .filter(|&other| cause(other) == cause(row))
-            .map(|other| probability[other])
-            .sum()
-    };
-    let first =
-        (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b))).unwrap_or(0);
-    Ok((cause(first).to_owned(), of_cause(first)))
+/// The most probable cause that a table of hypotheses has: effects with a rest and without are one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MostProbable {
+    /// The effects, joined by `+`, or `none` or `unexplained`.
+    pub cause: String,
+    /// Its probability, with a rest and without.
+    pub probability: f64,
+    /// Whether it is likelier beside a rest than alone.
+    pub is_beside_a_rest: bool,
 }
 
-/// Whether the most probable cause is likelier beside a rest than alone.
-///
-/// # Errors
-/// See [`winning_effects`].
-pub fn is_beside_a_rest(attribution: &Table) -> Result<bool> {
-    let (name, _) = most_probable(attribution)?;
-    let hypothesis = attribution.format().column("hypothesis")?;
-    let probability = attribution.numbers("probability")?;
-    let of = |wanted: &str| {
-        let rows = (0..probability.len()).filter(|&row| attribution.field(row, hypothesis) == wanted);
-        rows.map(|row| probability[row]).sum::<f64>()
-    };
-    Ok(of(&format!("{name}+{UNEXPLAINED}")) > of(&name))
+impl MostProbable {
+    /// * `attribution` — what `gl-gap-attribute` wrote.
+    ///
+    /// # Errors
+    /// See [`winning_effects`].
+    pub fn of(attribution: &Table) -> Result<Self> {
+        let source = attribution.format().source();
+        ensure!(!attribution.is_empty(), "{source}: no hypotheses; gl-gap-attribute writes them");
+        let hypothesis = attribution.format().column("hypothesis")?;
+        let probability = attribution.numbers("probability")?;
+        let name = |row: usize| attribution.field(row, hypothesis);
+        let of_rows = |is_meant: &dyn Fn(&str) -> bool| -> f64 {
+            (0..probability.len()).filter(|&row| is_meant(name(row))).map(|row| probability[row]).sum()
+        };
+        let of_cause = |row: usize| of_rows(&|other| cause(other) == cause(name(row)));
+        // Of several that are as probable, the first.
+        let first =
+            (0..probability.len()).rev().max_by(|&a, &b| of_cause(a).total_cmp(&of_cause(b))).unwrap_or(0);
+        let cause = cause(name(first));
+        let beside = format!("{cause}+{UNEXPLAINED}");
+        Ok(Self {
+            cause: cause.to_owned(),
+            probability: of_cause(first),
+            is_beside_a_rest: of_rows(&|other| other == beside) > of_rows(&|other| other == cause),
+        })
+    }
 }
 
 /// The cause that a hypothesis names, with a rest or without.
@@ -98,8 +100,10 @@ mod tests {
 
     #[test]
     fn a_cause_is_beside_a_rest_where_it_is_likelier_so() {
-        let is_beside =
-            |rows: &str| is_beside_a_rest(&table(&format!("hypothesis probability\n{rows}"))).unwrap();
+        let is_beside = |rows: &str| {
+            let attribution = table(&format!("hypothesis probability\n{rows}"));
+            MostProbable::of(&attribution).unwrap().is_beside_a_rest
+        };
         assert!(is_beside("x+y+unexplained 0.5\nx+y 0.3\nx 0.2\n"));
         assert!(!is_beside("x 0.5\nx+unexplained 0.3\ny+unexplained 0.2\n"));
     }

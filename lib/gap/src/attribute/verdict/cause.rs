@@ -291,9 +291,7 @@ fn beside_a_rest(probability: f64) -> String {
 fn with_others(diagnosis: &Diagnosis, probability: f64) -> String {
     /// Less is not worth a word.
     const MUCH: f64 = 0.05;
-    let first = &diagnosis.first().hypothesis;
-    let has_it = |of: &&Explanation| first.iter().all(|effect| of.hypothesis.contains(effect));
-    let in_all: f64 = diagnosis.attribution.explanations.iter().filter(has_it).map(|of| of.probability).sum();
+    let in_all = diagnosis.attribution.probability_of_effects(&diagnosis.first().hypothesis);
     if in_all - probability < MUCH {
         return String::new();
     }
