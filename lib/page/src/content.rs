@@ -306,7 +306,7 @@ impl Content {
             if named.is_some_and(|of| of.is_beside_a_rest) {
                 let known = self.cause.iter().flat_map(|of| &of.beside_a_rest).map(String::as_str);
                 self.doubts.push(format!(
-                    "Something else is at work beside {}, and pulls at the parameters of {whose}: their intervals do not know of it, and are too narrow. gl-gap-attribute counts with it, and has (90 % intervals) {}.",
+                    "Something else is at work beside {}, and pulls at the parameters of {whose}: their intervals do not know of it, and may well be too narrow. gl-gap-attribute counts with it, and has (90 % intervals) {}.",
                     closed.with,
                     known.collect::<Vec<_>>().join(", ")
                 ));

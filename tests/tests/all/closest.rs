@@ -86,7 +86,7 @@ fn a_shrink_beside_a_rest_is_that_of_least_squares_as_it_was_foretold() {
     assert_eq!(headline("", ""), "waving most likely explains the gap (0.85).");
     // Beside something unknown intervals are too narrow.
     let is_said =
-        || folder.read("out/report.md").contains("intervals do not know of it, and are too narrow.");
+        || folder.read("out/report.md").contains("intervals do not know of it, and may well be too narrow.");
     assert!(!is_said());
     folder.write("out/attribution.txt", "hypothesis\tprobability\nwaving\t0.3\nwaving+unexplained\t0.69\n");
     headline("", "");

@@ -46,6 +46,15 @@ pub fn rest(problem: &Problem<'_>, of: &Explanation) -> Option<Rest> {
 }
 
 impl Rest {
+    /// Its root mean square in each observable, in standard deviations of noise and scatter, shape (observables,).
+    pub fn heights(&self, problem: &Problem<'_>) -> Vec<f64> {
+        let height = |(j, spread): (usize, &f64)| {
+            let own = &self.curve[problem.own(j)];
+            (own.iter().map(|y| (y / spread).powi(2)).sum::<f64>() / own.len() as f64).sqrt()
+        };
+        self.spread.iter().enumerate().map(height).collect()
+    }
+
     /// The observable and the steps where most of it is, for the noise there: the shortest stretch that holds
     /// four fifths of its square in the observable with the most.
     pub fn place(&self, problem: &Problem<'_>) -> (usize, Range<usize>) {
