@@ -45,7 +45,6 @@ impl Samples {
     }
 
     pub(crate) fn of_columns(table: &Table, is_wanted: impl Fn(usize) -> bool) -> Result<Self> {
-        table.check_end()?;
         let description = table.format().column("description")?;
         let columns: Vec<usize> = (0..table.format().columns().len())
             .filter(|&j| {

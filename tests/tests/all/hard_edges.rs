@@ -255,7 +255,6 @@ fn a_number_that_may_be_cut_off_is_refused() {
     folder.write("misfit.txt", misfits);
     folder.run(FILTER);
     for (file, call) in [
-        ("samples.txt", FILTER),
         ("summary.txt", "gl-check-stop summary.txt"),
         ("ensemble.txt", "gl-emulate -p params.txt -s samples.txt -c x -v y --check ensemble.txt"),
     ] {
