@@ -241,7 +241,8 @@ pub fn sibling(tool: &str) -> PathBuf {
     beside.filter(|path| path.is_file()).unwrap_or_else(|| PathBuf::from(tool))
 }
 
-fn is_closed_pipe(error: &Error) -> bool {
+/// Whether something could not be written since nobody reads it any more.
+pub fn is_closed_pipe(error: &Error) -> bool {
     error
         .chain()
         .filter_map(|cause| cause.downcast_ref::<io::Error>())

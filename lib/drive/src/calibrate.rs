@@ -4,11 +4,10 @@ pub(crate) mod draws;
 pub(crate) mod emulated;
 pub(crate) mod iteration;
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gl_case::folders::CURVES;
 use gl_engine::lock::OutLock;
@@ -214,11 +213,8 @@ pub fn done(out: &Path) -> usize {
 
 /// A line on stdout; nobody has to read it for the work to go on.
 pub(crate) fn say(line: String) -> Result<()> {
-    let is_unread = |error: &Error| {
-        error.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
-    };
     match gl_table::print(&format!("{line}\n")) {
-        Err(error) if is_unread(&error) => Ok(()),
+        Err(error) if gl_cli::is_closed_pipe(&error) => Ok(()),
         said => said,
     }
 }

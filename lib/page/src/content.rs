@@ -281,12 +281,11 @@ impl Content {
         let of_others = of_shrink.chain(of_unseen).chain(of_gap).filter(is_new);
         let all: Vec<&Sentence> = of_cause.chain(of_others).collect();
         let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
-        let first = all.iter().find(|sentence| verdict::is_answer(&sentence.code));
         let say = |sentence: &&Sentence| sentence.text.clone();
-        let named = first.zip(self.cause.as_ref()).and_then(|(first, of)| of.named(&first.value));
-        self.answer = first.map(|first| Answer {
-            code: first.code.clone(),
-            value: first.value.clone(),
+        let named = answer.zip(self.cause.as_ref()).and_then(|(answer, of)| of.named(&answer.value));
+        self.answer = answer.map(|answer| Answer {
+            code: answer.code.clone(),
+            value: answer.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
             is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),

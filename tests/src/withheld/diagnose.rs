@@ -267,10 +267,12 @@ fn write(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
 }
 
 fn write_parameters(list: &Table, verdicts: &[Verdict], path: &Path) -> Result<()> {
-    let mut table = TableWriter::create(Some(path), &["case", "parameter", "mean", "sd", "q05", "q95"])?;
+    let mut table =
+        TableWriter::create(Some(path), &["case", "hypothesis", "parameter", "mean", "sd", "q05", "q95"])?;
     for (row, verdict) in verdicts.iter().enumerate() {
         for Marginal { name, mean, sd, low, high, .. } in &verdict.parameters {
-            table.text(list.field(row, 0)).text(name).numbers(&[*mean, *sd, *low, *high]).end_row()?;
+            table.text(list.field(row, 0)).text(&verdict.diagnosis.first().name);
+            table.text(name).numbers(&[*mean, *sd, *low, *high]).end_row()?;
         }
     }
     table.finish()

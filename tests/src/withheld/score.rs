@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use gl_gap::attribute::attribution::UNEXPLAINED;
 use gl_table::Table;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -151,8 +152,13 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
         };
         let case = text(&answers, "case")?;
         ensure!(case == text(&verdicts, "case")?, "row {row}: not the same case");
+        let is_beside_a_rest = text(&verdicts, "with_rest")? == "yes";
+        let first = text(&verdicts, "first")?;
+        let beside =
+            if is_beside_a_rest && first != UNEXPLAINED { format!("+{UNEXPLAINED}") } else { String::new() };
+        let hypothesis = format!("{first}{beside}");
         scored.push(Scored {
-            parameters: known(&parameters, &case, &text(&answers, "values")?)?,
+            parameters: known(&parameters, (&case, &hypothesis), &text(&answers, "values")?)?,
             case,
             family: text(&answers, "family")?,
             truth: text(&answers, "effects")?,
@@ -166,10 +172,10 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             imitated: number(&answers, "imitated")?,
             considered: number(&answers, "considered")?,
             least: number(&answers, "least")?,
-            first: text(&verdicts, "first")?,
+            first,
             probability: number(&verdicts, "probability")?,
             is_settled: text(&verdicts, "settled")? == "yes",
-            is_beside_a_rest: text(&verdicts, "with_rest")? == "yes",
+            is_beside_a_rest,
             closes: number(&verdicts, "closes")?,
             confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
@@ -187,16 +193,19 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
     Ok(scored)
 }
 
-/// The parameters of a case, with their values from `NAME=VALUE,…`; errors of the rig have none.
-fn known(parameters: &Table, case: &str, values: &str) -> Result<Vec<Known>> {
+/// The parameters of a case under a hypothesis, if it was diagnosed with that, with their values from `NAME=VALUE,…`; errors of
+/// the rig have none.
+fn known(parameters: &Table, (case, hypothesis): (&str, &str), values: &str) -> Result<Vec<Known>> {
     let column = |name| parameters.format().column(name);
-    let (of, name) = (column("case")?, column("parameter")?);
+    let (of, under, name) = (column("case")?, column("hypothesis")?, column("parameter")?);
     let (low, high) = (column("q05")?, column("q95")?);
     let values = values.split(',').filter_map(|value| value.split_once('='));
     let values: Vec<(&str, f64)> =
         values.map(|(name, value)| Ok((name, value.parse()?))).collect::<Result<_>>()?;
     let mut known = Vec::new();
-    for row in (0..parameters.len()).filter(|&row| parameters.field(row, of) == case) {
+    let is_meant =
+        |row: &usize| parameters.field(*row, of) == case && parameters.field(*row, under) == hypothesis;
+    for row in (0..parameters.len()).filter(is_meant) {
         if let Some((_, truth)) = values.iter().find(|(known, _)| *known == parameters.field(row, name)) {
             let interval = (parameters.number(row, low)?, parameters.number(row, high)?);
             known.push(Known { interval, truth: *truth });
