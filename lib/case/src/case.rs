@@ -220,9 +220,9 @@ impl Case {
         let document = DeTable::parse(text).map_err(|error| failed(&error, ""))?;
         check_names(source, text, document.get_ref())?;
         let mut places = Places::of(source, text, document.get_ref());
-        let mut table: toml::Table = toml::from_str(text).map_err(|error| failed(&error, ""))?;
-        toml::from_str::<File>(text)
-            .map_err(|error| failed(&error, &key_at(document.get_ref(), error.span())))?;
+        let at_its_key = |error: toml::de::Error| failed(&error, &key_at(document.get_ref(), error.span()));
+        let mut table: toml::Table = toml::from_str(text).map_err(at_its_key)?;
+        toml::from_str::<File>(text).map_err(at_its_key)?;
         let mut command = None;
         for text in given {
             let Override { path, value } = Override::parse(text.as_ref())?;

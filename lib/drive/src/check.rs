@@ -1,6 +1,6 @@
 //! Whether a case can be run, asked before the first run: its tables, the names in it, its model, the engine.
 
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -50,6 +50,14 @@ pub fn check_case(request: &Request) -> Result<Verdicts> {
     if let Some((readings, text)) = untold_noise(&case, &prior, &observations)? {
         verdicts.add("noise-untold", readings, text);
     }
+    let (readings, base) = (number_of_readings(&observations), prior.base().len());
+    if readings < base {
+        verdicts.add("few-readings", readings, format!(
+            "{} against {} of the base model: together they stay as open as they were beforehand along what no reading tells",
+            counted(readings, "reading"),
+            counted(base, "parameter")
+        ));
+    }
     let commands = commands(&case, engine)?;
     if commands.iter().any(|command| !command.is_told_its_name()) {
         verdicts.add(
@@ -88,6 +96,10 @@ fn roles(prior: &Prior, case: &Case) -> String {
     if effects.is_empty() { base } else { format!("{base}; candidate effects: {}", effects.join(", ")) }
 }
 
+fn number_of_readings(observations: &[Observations]) -> usize {
+    observations.iter().flat_map(|of| &of.values).map(Vec::len).sum()
+}
+
 /// Number of readings and what is wrong with it, where a fit by as many parameters leaves nothing that an estimate of the noise
 /// could rest on.
 pub(crate) fn untold_noise(
@@ -99,8 +111,7 @@ pub(crate) fn untold_noise(
     if case.tests.iter().zip(observations).map(is_given).collect::<Result<Vec<_>>>()?.contains(&true) {
         return Ok(None);
     }
-    let readings: usize = observations.iter().map(|of| of.values.iter().map(Vec::len).sum::<usize>()).sum();
-    let parameters = prior.base().len();
+    let (readings, parameters) = (number_of_readings(observations), prior.base().len());
     Ok((readings <= parameters).then(|| {
         let text = format!(
             "{} against {} and no noise: a fit that leaves nothing says nothing of the noise, and the posterior follows from a guess; \
@@ -263,6 +274,7 @@ fn tables(case: &Case, problems: &mut Problems) -> (Option<Prior>, Vec<Observati
         problems.note(check_noises(case, &observations));
         problems.note(check_outliers(case, &observations));
     }
+    problems.note(check_kept(case));
     problems.note(check_names(case, prior.as_ref()));
     problems.note(sample_names(&case.name, 0, 1).with_context(|| place(case, "name")));
     (prior, observations)
@@ -303,6 +315,13 @@ fn check_noises(case: &Case, observations: &[Observations]) -> Result<()> {
             _ => first = Some((is_known, &test.name)),
         }
     }
+    Ok(())
+}
+
+/// That the packed file of runs that were made before is there.
+fn check_kept(case: &Case) -> Result<()> {
+    let Some(kept) = &case.kept else { return Ok(()) };
+    File::open(kept).with_context(|| format!("{}: {}", place(case, "kept"), kept.display()))?;
     Ok(())
 }
 

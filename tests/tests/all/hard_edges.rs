@@ -686,6 +686,24 @@ fn a_model_that_was_changed_is_said_and_one_that_takes_no_parameter_ends_at_once
 }
 
 #[test]
+fn the_check_sees_what_a_calibration_would_only_see_later() {
+    let folder = case_with_a_failing_corner();
+    let case = folder.read("case/case.toml");
+    for (setting, said) in [
+        ("kept = \"nowhere.txt.gz\"", "case.toml:2: kept: case/nowhere.txt.gz: No such file"),
+        ("num = 99999999999999999999", "case.toml:2: num"),
+    ] {
+        folder.write("case/case.toml", case.replacen('\n', &format!("\n{setting}\n"), 1));
+        folder.refuses("gl-check case", &[said]);
+    }
+    folder.write("case/case.toml", &case);
+    folder.write("case/obs.txt", "eps q\n0.05 300\n");
+    assert!(
+        folder.run("gl-check case noise.q=1").contains("1 reading against 2 parameters of the base model")
+    );
+}
+
+#[test]
 fn columns_of_a_table_of_runs_are_no_names_of_a_measurement() {
     let folder = case_with_a_failing_corner();
     let (case, obs) = (folder.read("case/case.toml"), folder.read("case/obs.txt"));

@@ -23,7 +23,7 @@ fn what_an_attribution_says_of_a_cause() {
     gl-gap-attribute: bending explains it: probability 1.00
     gl-gap-attribute: adding it should close 100 % (99 to 100 %) of the gap
     gl-gap-attribute: the readings of y scatter 0.7 times what was stated; the verdict is by what they do
-    gl-gap-attribute: with bending the measurement is e^16 times as likely as with something unknown alone
+    gl-gap-attribute: with bending the measurement is e^15 times as likely as with something unknown alone
     ");
 }
 

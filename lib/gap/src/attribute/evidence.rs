@@ -284,15 +284,16 @@ mod tests {
         let sd = at.scales[0] * problem.units[0];
         let mut covariance =
             DMatrix::from_fn(STEPS, STEPS, |s, t| sd * sd * at.phi[0].powi(s.abs_diff(t) as i32));
-        let amplitude = at.amplitudes.first().copied().unwrap_or(0.0);
-        for (i, variance) in smooth.variances.iter().enumerate() {
+        let mut variances: Vec<f64> =
+            smooth.variances.iter().map(|variance| 0.15 * 0.15 * variance).collect();
+        if let Some(rest) = &at.rest {
+            let of_rest = smooth.variances_of(rest.length);
+            let added = variances.iter_mut().zip(of_rest);
+            added.for_each(|(variance, own)| *variance += rest.amplitudes[0].powi(2) * own);
+        }
+        for (i, variance) in variances.iter().enumerate() {
             let pattern = smooth.patterns.column(i).into_owned();
-            covariance.ger(
-                (0.15 * 0.15 + amplitude * amplitude) * sd * sd * variance,
-                &pattern,
-                &pattern,
-                1.0,
-            );
+            covariance.ger(sd * sd * variance, &pattern, &pattern, 1.0);
         }
         for (pattern, sd) in patterns {
             let pattern = DVector::from_column_slice(pattern);
@@ -382,13 +383,13 @@ mod tests {
     }
 
     #[test]
-    fn the_amplitude_of_a_rest_is_integrated_out() {
+    fn amplitude_and_length_of_a_rest_are_integrated_out() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let observations = Straight::observations(noisy(0.1));
         let known = Some(vec![vec![0.05; STEPS]]);
         let problem = Problem::new(&predictor, &prior, Vec::new(), &observations, known, 1.0).unwrap();
         let mut model = Model::new(&problem, &[], true);
-        let expected = averaged(&model, &Straight::curve(1.0, 1.0, 0.0), &base(), 0.3);
+        let expected = averaged(&model, &Straight::curve(1.0, 1.0, 0.0), &base(), 0.6);
         let found = found(&mut model, 3);
         assert!((found.ln - expected).abs() < 4.0 * found.error, "{} {expected} {}", found.ln, found.error);
     }

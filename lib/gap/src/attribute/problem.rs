@@ -386,9 +386,13 @@ impl<'a> Problem<'a> {
             .collect();
         for j in 0..self.ranges.len() {
             let unit = self.spread(j, &nuisances.scales).powi(2);
-            let amplitude = nuisances.amplitudes.get(j).copied().unwrap_or(0.0);
-            let share = (SMALL * SMALL + amplitude * amplitude) * unit;
-            variances.extend(self.test_of(j).smooth.variances.iter().map(|variance| share * variance));
+            let smooth = &self.test_of(j).smooth;
+            let first = variances.len();
+            variances.extend(smooth.variances.iter().map(|variance| SMALL * SMALL * unit * variance));
+            if let Some(Unknown { amplitudes, length }) = &nuisances.rest {
+                let of_rest = smooth.variances_of(*length).map(|own| amplitudes[j].powi(2) * unit * own);
+                variances[first..].iter_mut().zip(of_rest).for_each(|(variance, own)| *variance += own);
+            }
         }
         if let Some(form) = nuisances.form {
             for j in 0..self.ranges.len() {
@@ -489,10 +493,20 @@ pub struct Nuisances {
     pub scales: Vec<f64>,
     /// Correlation of each observable's noise from one step to the next.
     pub phi: Vec<f64>,
-    /// Amplitude of what else is at work, in noise and scatter; empty where nothing else is.
-    pub amplitudes: Vec<f64>,
+    /// What else is at work, if something is.
+    pub rest: Option<Unknown>,
     /// Size of the errors of the form of the effects, as a share of what they add to the curve.
     pub form: Option<f64>,
+}
+
+/// The law of a rest: a smooth curve along the control.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unknown {
+    /// Standard deviation in each observable, in noise and scatter, shape (observables,).
+    pub amplitudes: Vec<f64>,
+    /// Correlation length as a share of the control, between [`SHORTEST`](discrepancy::SHORTEST) and
+    /// [`LONGEST`](discrepancy::LONGEST).
+    pub length: f64,
 }
 
 /// Standard deviation of a reading that is far off, and of a jump, in those of the other readings.

@@ -58,13 +58,13 @@ pub(super) fn check_complete(
     rtol: f64,
 ) -> Result<(), Failure> {
     let name = &samples.names[i];
+    if simulation.iter().all(u8::is_ascii_whitespace) {
+        return Err(Failure::Empty);
+    }
     let Some(parameters) = parameters else {
         return Err(Failure::Missing(format!("no {name}_param.txt")));
     };
     check_parameters(&format!("{name}_param.txt"), parameters, samples, i, rtol)?;
-    if simulation.iter().all(u8::is_ascii_whitespace) {
-        return Err(Failure::Empty);
-    }
     let mut rows = Rows::new(&format!("{name}_sim.txt"), simulation).map_err(malformed)?;
     // A number that was cut off is still a number: only the missing line end tells.
     if !simulation.ends_with(b"\n") {

@@ -26,42 +26,34 @@ pub struct Marginal {
     pub lean: i8,
 }
 
-/// How many times as wide as by the hypothesis itself the posterior of a parameter is beside a rest: what else is at work may be
-/// smoother or rougher than a rest is taken to be, and the parameters take that up. On which seeds it was chosen, and how often
-/// the intervals hold, is in docs/diagnosis-accuracy.md.
-const BESIDE_A_REST: f64 = 1.3;
-
 /// The marginal posteriors of all parameters that a hypothesis varies.
 pub fn marginals(problem: &Problem<'_>, explanation: &Explanation) -> Vec<Marginal> {
     let model = explanation.model(problem);
     let evidence = &explanation.evidence;
     let simulated: Vec<Vec<f64>> = evidence.samples.iter().map(|sample| model.values(sample)).collect();
-    let wider = if explanation.has_rest { BESIDE_A_REST } else { 1.0 };
     let marginal = |(place, meaning): (usize, Meaning<'_>)| {
-        let (name, values, lean, bounds) = match meaning {
+        let (name, values, lean) = match meaning {
             Meaning::Parameter(j) => {
                 let parameter = &problem.prior.parameters()[j];
                 let values: Vec<f64> = simulated.iter().map(|values| values[j]).collect();
                 let places: Vec<f64> = values.iter().map(|&value| parameter.coordinate(value)).collect();
                 let (centre, spread) = (mean(&places, &evidence.weights), sd(&places, &evidence.weights));
                 let lean = leaning(centre, spread, (0.0, 1.0));
-                (parameter.name.clone(), values, lean, (parameter.lower, parameter.upper))
+                (parameter.name.clone(), values, lean)
             }
             Meaning::Size(effect) => {
                 let unit = problem.unit_of(effect);
                 let sizes = evidence.samples.iter().map(|sample| unit * effect.size(sample[place])).collect();
-                (effect.name.clone(), sizes, 0, (f64::NEG_INFINITY, f64::INFINITY))
+                (effect.name.clone(), sizes, 0)
             }
         };
         let quantiles = Quantiles::new(&values, &evidence.weights);
-        let mean = mean(&values, &evidence.weights);
-        let at = |share: f64| (mean + wider * (quantiles.at(share) - mean)).clamp(bounds.0, bounds.1);
         Marginal {
             name,
-            mean,
-            sd: wider * sd(&values, &evidence.weights),
-            low: at(0.05),
-            high: at(0.95),
+            mean: mean(&values, &evidence.weights),
+            sd: sd(&values, &evidence.weights),
+            low: quantiles.at(0.05),
+            high: quantiles.at(0.95),
             lean,
         }
     };
@@ -87,27 +79,6 @@ mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
     use crate::attribute::synthetic_world::Straight;
-
-    #[test]
-    fn beside_a_rest_less_is_known_of_a_parameter_than_the_hypothesis_has_it_and_nothing_beyond_its_bounds() {
-        let (predictor, prior) = (Straight::new(), Straight::prior());
-        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
-        let problem = predictor.problem(&prior, &observations);
-        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
-        for (name, times) in [("wave", 1.0), ("wave+unexplained", BESIDE_A_REST)] {
-            let of = explanations.iter().find(|of| of.name == name).unwrap();
-            let model = of.model(&problem);
-            for (j, marginal) in marginals(&problem, of).iter().enumerate() {
-                let parameter = &prior.parameters()[j];
-                assert_eq!(marginal.name, parameter.name);
-                let values: Vec<f64> =
-                    of.evidence.samples.iter().map(|sample| model.values(sample)[j]).collect();
-                let own = sd(&values, &of.evidence.weights);
-                assert!((marginal.sd / own - times).abs() < 1e-9, "{name}: {marginal:?}");
-                assert!(parameter.lower <= marginal.low && marginal.high <= parameter.upper, "{marginal:?}");
-            }
-        }
-    }
 
     #[test]
     fn a_parameter_beyond_what_was_believed_is_where_the_truth_is() {

@@ -27,9 +27,9 @@ impl Told {
     }
 }
 
-/// The likeliest hypothesis of as many effects that is neither a part of the first nor has it, and what both leave of
-/// each test, that which tells them apart best first; none where there is one test, or no rival. Rests are left out of it:
-/// they would fit whatever an effect does not.
+/// The likeliest hypothesis of as many effects that is neither a part of the first nor has it, of those that are not ruled out
+/// if there are any, and what both leave of each test, that which tells them apart best first; none where there is one test,
+/// or no rival. Rests are left out of it: they would fit whatever an effect does not.
 pub fn told<'a>(
     problem: &Problem<'_>,
     explanations: &'a [Explanation],
@@ -43,11 +43,11 @@ pub fn told<'a>(
     let is_rival = |of: &&Explanation| {
         of.hypothesis.len() == own.hypothesis.len() && !is_part(&of.hypothesis, &own.hypothesis)
     };
-    let rival = explanations
-        .iter()
-        .filter(plain)
-        .filter(is_rival)
-        .max_by(|a, b| a.evidence.ln.total_cmp(&b.evidence.ln))?;
+    let before = |a: &&Explanation, b: &&Explanation| {
+        let is_alive = |of: &Explanation| of.ruled_out.is_none();
+        is_alive(a).cmp(&is_alive(b)).then(a.evidence.ln.total_cmp(&b.evidence.ln))
+    };
+    let rival = explanations.iter().filter(plain).filter(is_rival).max_by(before)?;
     let scales = own.model(problem).nuisances(own.best()).scales;
     let left = |of: &Explanation, readings: Range<usize>| -> f64 {
         let square = |i: usize| {

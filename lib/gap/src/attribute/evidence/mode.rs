@@ -519,8 +519,7 @@ mod tests {
                 Problem::new(&predictor, &prior, Straight::candidates(), &observations, noise, 1.0).unwrap();
             for has_rest in [false, true] {
                 let mut model = Model::new(&problem, &[], has_rest);
-                let plain = Model::new(&problem, &[], false);
-                let starts = if has_rest { vec![vec![0.0; plain.len() + 1]] } else { Vec::new() };
+                let starts = if has_rest { vec![vec![0.0; model.len()]] } else { Vec::new() };
                 let modes = find(&mut model, &starts, &mut ChaCha8Rng::seed_from_u64(1));
                 let density = |w: &[f64]| model.ln_likelihood(w, &model.curve(w)) + ln_prior(w);
                 let best = modes[0].w.as_slice();

@@ -7,18 +7,19 @@ use anyhow::Result;
 use nalgebra::{DMatrix, DVector};
 
 use crate::attribute::evidence::jumps;
+use crate::attribute::problem::discrepancy::{LONGEST, SHORTEST};
 use crate::attribute::problem::gaussian::{Filled, Patterns};
 use crate::attribute::problem::hypothesis::Candidate;
 use crate::attribute::problem::measurement::MeasurementEffect;
 use crate::attribute::problem::predictor::Predicted;
-use crate::attribute::problem::{Nuisances, Problem};
+use crate::attribute::problem::{Nuisances, Problem, Unknown};
 use gl_inference::prior::{normal_cdf, normal_quantile};
 
 /// A hypothesis: the base model, the candidates that are in, and perhaps something unknown: a rest.
 ///
 /// Its parameters `w` are the normal scores of the prior: parameters of the simulation, sizes of
 /// effects of the measurement, then for each observable the scale of its noise and the correlation of it,
-/// then, with a rest, its amplitude for each observable and the size of the errors of the effects' form.
+/// then, with a rest, its amplitude for each observable, its length, and the size of the errors of the effects' form.
 /// All but the first two, the nuisances, change the covariance only.
 #[derive(Clone)]
 pub struct Model<'a> {
@@ -174,7 +175,7 @@ impl<'a> Model<'a> {
 
     /// Number of all parameters.
     pub fn len(&self) -> usize {
-        let of_rest = if self.has_rest { self.problem.ranges.len() } else { 0 };
+        let of_rest = if self.has_rest { self.problem.ranges.len() + 1 } else { 0 };
         self.without_rest() + of_rest + usize::from(self.has_form)
     }
 
@@ -370,17 +371,17 @@ impl<'a> Model<'a> {
         let scales: Vec<f64> = scales.iter().map(scale).collect();
         // Mostly small: above a half in one of ten cases.
         let phi = phi.iter().map(|w| HIGHEST_PHI * normal_cdf(1.2 * w - 1.5)).collect();
-        let amplitudes = if self.has_rest { &rest[..observables] } else { &[] };
-        let amplitudes = amplitudes
-            .iter()
-            .enumerate()
-            .map(|(j, &w)| {
+        let of_rest = || {
+            let amplitude = |(j, &w): (usize, &f64)| {
                 let largest = (self.problem.ranges[j] / self.problem.spread(j, &scales)).max(20.0);
                 between((SMALLEST_AMPLITUDE.ln(), largest.ln()), w)
-            })
-            .collect();
-        let form = self.has_form.then(|| between((FORM.0.ln(), FORM.1.ln()), rest[observables]));
-        Nuisances { scales, phi, amplitudes, form }
+            };
+            let amplitudes = rest[..observables].iter().enumerate().map(amplitude).collect();
+            Unknown { amplitudes, length: between((SHORTEST.ln(), LONGEST.ln()), rest[observables]) }
+        };
+        let unknown = self.has_rest.then(of_rest);
+        let form = self.has_form.then(|| between((FORM.0.ln(), FORM.1.ln()), rest[observables + 1]));
+        Nuisances { scales, phi, rest: unknown, form }
     }
 
     /// Use the covariance of the measurement about a curve.
