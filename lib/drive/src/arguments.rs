@@ -65,7 +65,7 @@ impl Request {
             self.case.display()
         );
         ensure!(!self.case.is_file(), "{}: is a file; give the folder that it is in", self.case.display());
-        Case::load(&self.case, &self.given)
+        Case::load(&as_operand(&self.case), &self.given)
     }
 
     /// Where the results go: `out/NAME-OF-CASE-FOLDER`, of a diagnosis with `-diagnosis` behind it, if nothing was said.
@@ -74,7 +74,7 @@ impl Request {
     /// If the folder of the case has no name.
     pub fn folder(&self, of: Results) -> Result<PathBuf> {
         if let Some(out) = &self.out {
-            return Ok(out.clone());
+            return Ok(as_operand(out));
         }
         let folder = self.case.canonicalize().with_context(|| self.case.display().to_string())?;
         let Some(name) = folder.file_name() else {
@@ -121,6 +121,12 @@ impl Request {
         put(&file, Settings { case: case.name.clone(), engine, given }.text()?.as_bytes())?;
         Ok(file)
     }
+}
+
+/// A path that none of the tools which get it takes for an option.
+fn as_operand(path: &Path) -> PathBuf {
+    let is_like_an_option = path.as_os_str().as_encoded_bytes().starts_with(b"-");
+    if is_like_an_option { Path::new(".").join(path) } else { path.to_owned() }
 }
 
 fn is_setting(path: &Path) -> bool {

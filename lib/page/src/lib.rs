@@ -36,12 +36,17 @@ pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) 
     let has_base = out.join(BASE).is_dir();
     let wider = Some(out.join(BASE_WIDER)).filter(|wider| wider.is_dir());
     let base = if has_base { wider.unwrap_or_else(|| out.join(BASE)) } else { out.to_owned() };
+    let of = tools::quoted(&out.display().to_string());
+    ensure!(
+        base.join("posterior.txt").exists() || !base.join("iter0").exists(),
+        "{}: its calibration has no posterior yet; gl-status {of} says how far it is",
+        out.display()
+    );
     ensure!(
         base.join("posterior.txt").exists(),
-        "{}: no calibration there; gl-calibrate {} --out {} makes one",
+        "{}: no calibration there; gl-calibrate {} --out {of} makes one",
         out.display(),
         tools::quoted(&case.folder.display().to_string()),
-        tools::quoted(&out.display().to_string()),
     );
     let content = content::Content::gather(&case, out, &base)?;
     let mut written = vec![put(&out.join("report.html"), &render::html(&content)?)?];

@@ -704,6 +704,18 @@ fn the_check_sees_what_a_calibration_would_only_see_later() {
 }
 
 #[test]
+fn a_folder_of_results_may_be_called_like_an_option_and_be_asked_for_too_early() {
+    let folder = case_with_a_failing_corner();
+    folder.run("gl-calibrate case --out=-o seed=0 iterations=1");
+    assert!(folder.path("-o/posterior.txt").exists());
+    fs::create_dir_all(folder.path("begun/iter0")).unwrap();
+    folder.refuses(
+        "gl-report case --out begun",
+        &["begun: its calibration has no posterior yet; gl-status begun"],
+    );
+}
+
+#[test]
 fn columns_of_a_table_of_runs_are_no_names_of_a_measurement() {
     let folder = case_with_a_failing_corner();
     let (case, obs) = (folder.read("case/case.toml"), folder.read("case/obs.txt"));
