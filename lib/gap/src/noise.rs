@@ -155,6 +155,13 @@ pub fn white_variance(x: &[f64]) -> Option<f64> {
     mean_square_second_difference(x).map(|square| square / 6.0)
 }
 
+/// How many times a stated noise readings may scatter, both of shape (steps,), from 0.1 to 1: as little as a curve that is smooth
+/// from step to step leaves of them. Who states a noise that is too large knows less than the readings show.
+pub fn least_scale(readings: &[f64], stated: &[f64]) -> f64 {
+    let in_stated: Vec<f64> = readings.iter().zip(stated).map(|(y, sd)| y / sd).collect();
+    white_variance(&in_stated).map_or(1.0, |variance| variance.sqrt().clamp(0.1, 1.0))
+}
+
 /// Mean square of the second differences without their largest tenth; none of too few steps.
 fn mean_square_second_difference(x: &[f64]) -> Option<f64> {
     let seconds = x.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
@@ -191,6 +198,18 @@ mod tests {
             let noise = &Noise::estimate(&residuals, Some(&[vec![2.0; 40_000]]), &[1.0])[0];
             assert!((noise.phi - phi).abs() < 0.02, "{phi}: {}", noise.phi);
         }
+    }
+
+    #[test]
+    fn a_noise_that_is_stated_too_large_is_seen_in_the_readings() {
+        let smooth = |t: usize| 3.0 * (t as f64 / 40.0).sin();
+        let noise = drawn(0.0, 0.4, 80);
+        let readings: Vec<f64> = noise.iter().enumerate().map(|(t, e)| smooth(t) + e).collect();
+        for (stated, expected) in [(2.0, 0.2), (0.8, 0.5), (0.2, 1.0), (80.0, 0.1)] {
+            let found = least_scale(&readings, &[stated; 80]);
+            assert!((found / expected - 1.0).abs() < 0.2, "{stated}: {found}");
+        }
+        assert_eq!(least_scale(&readings[..2], &[2.0; 2]), 1.0);
     }
 
     #[test]

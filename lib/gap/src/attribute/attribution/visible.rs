@@ -1,5 +1,7 @@
 //! Whether a candidate can show at all.
 
+use std::ops::Range;
+
 use anyhow::Result;
 use nalgebra::DMatrix;
 use rand::SeedableRng;
@@ -7,8 +9,9 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::attribute::attribution::closure::absorb;
 use crate::attribute::evidence::mode::standard_normal;
-use crate::attribute::evidence::model::Model;
+use crate::attribute::evidence::model::{Model, SD_OF_LN_NOISE};
 use crate::attribute::problem::Problem;
+use crate::noise::least_scale;
 
 /// What a candidate adds to the curve and the base parameters cannot absorb must be so many standard deviations in all, of
 /// noise, scatter and what the emulator does not know: at a few places of its prior, or so many more at one. Of a parameter
@@ -27,6 +30,15 @@ const TRIED: usize = 40;
 /// If a curve or its covariance is not finite.
 pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
     let base = problem.prior.base().len();
+    // A measured noise may be half of the one that is stated, or what the readings show, an unknown one a hundredth of the range.
+    let scale = |own: Range<usize>| {
+        if !problem.is_noise_stated {
+            return 0.1;
+        }
+        let shown = least_scale(&problem.observed[own.clone()], &problem.units[own]);
+        shown.min(0.5).ln() / SD_OF_LN_NOISE
+    };
+    let scales: Vec<f64> = problem.blocks().into_iter().map(scale).collect();
     let see = |candidate: usize| -> Result<bool> {
         let model = Model::new(problem, &[candidate], false);
         let plain = Model::new(problem, &[], false);
@@ -35,9 +47,7 @@ pub fn visible(problem: &Problem<'_>, seed: u64) -> Result<Vec<bool>> {
         for _ in 0..TRIED {
             let mut w = vec![0.0; model.len()];
             w[..model.curve_parameters()].iter_mut().for_each(|w| *w = standard_normal(&mut random));
-            // A measured noise may be half of the one that is stated, an unknown one a hundredth of the range.
-            let scale = if problem.is_noise_stated { -1.4 } else { 0.1 };
-            w[model.curve_parameters()..][..problem.ranges.len()].fill(scale);
+            w[model.curve_parameters()..][..scales.len()].copy_from_slice(&scales);
             w[model.curve_parameters() + problem.ranges.len()..].fill(-3.0);
             let mut of_base = w[..base].to_vec();
             of_base.extend(&w[model.curve_parameters()..]);

@@ -4,6 +4,7 @@ use anyhow::Result;
 use nalgebra::DMatrix;
 
 use crate::attribute::problem::predictor::{Predicted, Predictor};
+use crate::noise::least_scale;
 use gl_emulator::gp::{Gp, Place};
 use gl_emulator::warp::{self, FAR, FAR_OF_SCATTER, Warp, scatters};
 use gl_emulator::{Emulator, Options};
@@ -30,7 +31,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Learn it from runs, well enough for a noise (if that is known).
+    /// Learn it from runs, well enough for a noise (if that is known), or for what readings scatter by where that is less.
     ///
     /// * `measured`, `noise` — shape (observables, steps).
     ///
@@ -46,7 +47,8 @@ impl Simulation {
         let seen = |far: f64| -> Result<Self> {
             let warps = warp::warps(measured, ensemble, far);
             let warped = |(j, noise): (usize, &Vec<f64>)| {
-                noise.iter().zip(&measured[j]).map(|(sd, y)| sd * warps[j].slope(*y)).collect()
+                let scale = least_scale(&measured[j], noise);
+                noise.iter().zip(&measured[j]).map(|(sd, y)| scale * sd * warps[j].slope(*y)).collect()
             };
             let noise = noise.map(|noise| noise.iter().enumerate().map(warped).collect());
             let options = Options {
@@ -284,6 +286,17 @@ mod tests {
         let measured = [measured.to_vec()];
         let simulation = Simulation::new(&prior, (&samples, &ensemble), &measured, Some(&noise), 1).unwrap();
         (prior, simulation)
+    }
+
+    #[test]
+    fn a_noise_that_is_stated_far_too_large_hides_no_effect_that_the_readings_would_show() {
+        let (prior, samples, ensemble) = stiffnesses(0.0);
+        let jagged = |(t, y): (usize, f64)| y + if t % 2 == 0 { 0.003 } else { -0.003 };
+        let measured = [stiff(0.0, 0.05).into_iter().enumerate().map(jagged).collect()];
+        let noise = vec![vec![0.1; STEPS]];
+        let simulation = Simulation::new(&prior, (&samples, &ensemble), &measured, Some(&noise), 1).unwrap();
+        // The stiffness and the effect are a pattern each.
+        assert_eq!(simulation.basis().ncols(), 2);
     }
 
     #[test]
