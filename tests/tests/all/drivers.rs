@@ -442,6 +442,9 @@ fn a_design_that_has_ended_goes_on_where_it_may_have_more_runs() {
     copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
     // So noisy that no two rounds are sure of anything.
     set(&folder, &[("noise", "{ f = 0.3, t = 0.1 }")]);
+    folder.run(
+        "gl-contact --programme cycles --curve E_m=9.2,nu=0.3,mu=0.45,w=4 --noise f=0.3,t=0.1 -o case/obs.txt",
+    );
     let sizes = |runs: &str| -> Vec<usize> {
         finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made", runs]));
         let rounds = (0..).map(|r| format!("made/design/round{r}/samples.txt"));
