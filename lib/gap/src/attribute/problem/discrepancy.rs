@@ -10,7 +10,8 @@ pub struct Smooth {
     pub patterns: DMatrix<f64>,
     /// Variance of each for a discrepancy of variance 1 at every step, of which no length is known, shape (patterns,).
     pub variances: Vec<f64>,
-    /// ln of these for a discrepancy of one length, shape ([`LENGTHS_BETWEEN`], patterns).
+    /// ln of these for a discrepancy of one length, shape ([`LENGTHS_BETWEEN`], patterns); empty for errors of a form, whose
+    /// length is not asked.
     ln_of_length: Vec<Vec<f64>>,
 }
 
@@ -40,7 +41,14 @@ impl Smooth {
     /// Patterns of a Gaussian process with an even mixture of squared-exponential correlations of
     /// lengths 0.1, 0.3 and 1, at places in [0, 1] along the control, shape (steps,).
     pub fn new(places: &[f64]) -> Self {
-        Self::of_lengths(places, &LENGTHS, KEPT)
+        let smooth = Self::of_lengths(places, &LENGTHS, KEPT);
+        let ln_of_length = (0..LENGTHS_BETWEEN).map(|k| {
+            let length = SHORTEST * (LONGEST / SHORTEST).powf(k as f64 / (LENGTHS_BETWEEN - 1) as f64);
+            let correlated = correlation(places, &[length]) * &smooth.patterns;
+            let variance = |i: usize| correlated.column(i).dot(&smooth.patterns.column(i));
+            (0..smooth.len()).map(|i| variance(i).max(SMALLEST).ln()).collect()
+        });
+        Self { ln_of_length: ln_of_length.collect(), ..smooth }
     }
 
     /// The same with lengths 0.3 and 1, for what an effect of another form would be multiplied by.
@@ -60,14 +68,7 @@ impl Smooth {
         }
         let patterns = DMatrix::from_fn(steps, kept, |t, i| eigen.eigenvectors[(t, order[i])]);
         let variances = order[..kept].iter().map(|&i| eigen.eigenvalues[i].max(0.0)).collect();
-        let ln_of_length = (0..LENGTHS_BETWEEN).map(|k| {
-            let length = SHORTEST * (LONGEST / SHORTEST).powf(k as f64 / (LENGTHS_BETWEEN - 1) as f64);
-            let correlated = correlation(places, &[length]) * &patterns;
-            let variance = |i: usize| correlated.column(i).dot(&patterns.column(i));
-            (0..kept).map(|i| variance(i).max(SMALLEST).ln()).collect()
-        });
-        let ln_of_length = ln_of_length.collect();
-        Self { patterns, variances, ln_of_length }
+        Self { patterns, variances, ln_of_length: Vec::new() }
     }
 
     /// The variance of each pattern for a discrepancy of variance 1 at every step whose squared-exponential correlation has
