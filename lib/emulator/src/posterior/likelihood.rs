@@ -52,8 +52,12 @@ impl Measured {
     /// What the readings have more than a curve that the emulator gives, in their own units, shape
     /// (observables · steps).
     pub fn residual(&self, curve: &[f64]) -> Vec<f64> {
-        let of = |(o, y): (usize, &f64)| self.readings[o] - self.warps[self.observable_of(o)].back(*y);
-        curve.iter().enumerate().map(of).collect()
+        let mut residual = self.readings.clone();
+        for (j, warp) in self.warps.iter().enumerate() {
+            let own = self.own(j);
+            residual[own.clone()].iter_mut().zip(&curve[own]).for_each(|(left, y)| *left -= warp.back(*y));
+        }
+        residual
     }
 
     /// Σ (r / base)² for simulated readings, shape (observables · steps).
@@ -423,19 +427,20 @@ impl<'a> Likelihood<'a> {
             row[i] += NO_VARIANCE;
         }
         let factor = Cholesky::new(&factor).ok()?.lower().clone();
-        let product = |(i, j): (usize, usize)| -> f64 {
-            let row = &g[i * k..(i + 1) * k];
-            (j..k).map(|l| row[l] * factor.row(l)[j]).sum()
-        };
-        // G L, shape (components, components).
-        let product: Vec<f64> = (0..k * k).map(|at| product((at / k, at % k))).collect();
-        let mut inner = Triangle::zeros(k);
-        for i in 0..k {
-            for j in 0..=i {
-                let sum: f64 = (i..k).map(|l| factor.row(l)[i] * product[l * k + j]).sum();
-                inner.row_mut(i)[j] = sum + f64::from(u8::from(i == j));
+        // G L, shape (components, components), and Lᵀ G L, row by row of L.
+        let mut product = vec![0.0; k * k];
+        for (g, product) in g.chunks_exact(k).zip(product.chunks_exact_mut(k)) {
+            for (l, g) in g.iter().enumerate() {
+                product.iter_mut().zip(factor.row(l)).for_each(|(sum, factor)| *sum += g * factor);
             }
         }
+        let mut inner = Triangle::zeros(k);
+        for (l, product) in product.chunks_exact(k).enumerate() {
+            for (i, factor) in factor.row(l).iter().enumerate() {
+                inner.row_mut(i).iter_mut().zip(product).for_each(|(sum, product)| *sum += factor * product);
+            }
+        }
+        (0..k).for_each(|i| inner.row_mut(i)[i] += 1.0);
         Cholesky::new(&inner).ok().map(|cholesky| (factor, cholesky))
     }
 
