@@ -529,6 +529,24 @@ mod tests {
     }
 
     #[test]
+    fn the_length_of_a_rest_is_found() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let length = |waves: f64| {
+            let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+            for (y, x) in observations.values[0].iter_mut().zip(&observations.control) {
+                *y += 0.1 * (std::f64::consts::TAU * waves * x).sin();
+            }
+            let problem = predictor.problem(&prior, &observations);
+            let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+            let unknown = explanations.iter().find(|of| of.name == UNEXPLAINED).unwrap();
+            unknown.model(&problem).nuisances(unknown.best()).rest.unwrap().length
+        };
+        // Of one wave the straight line takes up a part; from four on it would be noise that is correlated.
+        let [one, two, three] = [1.0, 2.0, 3.0].map(length);
+        assert!((0.2..0.6).contains(&one) && two < 0.6 * one && three < 0.7 * two, "{one} {two} {three}");
+    }
+
+    #[test]
     fn a_rest_takes_nothing_from_the_effect_that_is_in() {
         let mut values = Straight::curve(1.3, 0.6, 0.8);
         for (t, y) in values.iter_mut().enumerate() {
