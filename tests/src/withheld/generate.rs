@@ -280,11 +280,13 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let is_scattered = family == Family::Scatter;
     let factor = if is_scattered { factor(&bench.path()) } else { DMatrix::zeros(truth[0].len(), 0) };
     let mut noisy = if is_scattered { bench.scattered(&truth, &factor, &mut random) } else { truth.clone() };
-    let mut outliers = Vec::new();
+    let (mut outliers, mut levels) = (Vec::new(), Vec::new());
     for (curve, sd) in noisy.iter_mut().zip(&noise) {
         let remainder = condition.remainder(&bench.path(), *sd, &mut random);
         let noise = condition.noise(*sd, curve.len(), &mut random);
-        outliers.push(condition.outliers(*sd, &noise));
+        let far_off = condition.outliers(*sd, &noise);
+        levels.push(level(&noise, &far_off) / sd);
+        outliers.push(far_off);
         for ((y, noise), remainder) in curve.iter_mut().zip(noise).zip(remainder) {
             *y += noise + remainder;
         }
@@ -304,7 +306,8 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let right = faults.taken_out(bench, &noisy, &simulated);
     let after = world.fit(&[], &right, &noise)?;
     let above = |fit: &Fit, seen: &[Vec<f64>]| -> Result<f64> {
-        Ok((gap(&fit.curves, seen, &noisy, &outliers) - floor(fit, &noise, &noisy, &factor)?).max(0.0))
+        Ok((gap(&fit.curves, seen, &noisy, &outliers) - floor(fit, (&noise, &levels), &noisy, &factor)?)
+            .max(0.0))
     };
     let (gap_before, gap_after) = (above(&before, &noisy)?, above(&after, &right)?);
     let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
@@ -473,9 +476,21 @@ fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>], outliers: &[V
     (0..seen.len()).map(square).sum::<f64>() / seen.len() as f64
 }
 
-/// The mean square that noise and scatter alone leave of a gap, once a fit has followed them as far as it
-/// can.
-fn floor(fit: &Fit, noise: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) -> Result<f64> {
+/// Root mean square of the noise that was drawn, without what is far off. Of a noise of heavy tails it is often far from what it
+/// was drawn by, and what luck adds to it is no gap.
+fn level(noise: &[f64], far_off: &[usize]) -> f64 {
+    let near = (0..noise.len()).filter(|step| !far_off.contains(step));
+    (near.map(|step| noise[step].powi(2)).sum::<f64>() / (noise.len() - far_off.len()) as f64).sqrt()
+}
+
+/// The mean square that noise, so many times as large as its standard deviation, and scatter alone leave of a gap, once a fit
+/// has followed them as far as it can.
+fn floor(
+    fit: &Fit,
+    (noise, levels): (&[f64], &[f64]),
+    noisy: &[Vec<f64>],
+    factor: &DMatrix<f64>,
+) -> Result<f64> {
     let steps = noisy[0].len();
     let slopes = &fit.slopes;
     let information = slopes.tr_mul(slopes) + DMatrix::identity(slopes.ncols(), slopes.ncols()) * 1e-9;
@@ -484,7 +499,8 @@ fn floor(fit: &Fit, noise: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) ->
     let readings = hat.nrows();
     let left = DMatrix::identity(readings, readings) - hat;
     // Scatter in units of the noise; that two observables share some of it changes little.
-    let mut errors = DMatrix::identity(readings, readings + factor.ncols() * noisy.len());
+    let mut errors = DMatrix::zeros(readings, readings + factor.ncols() * noisy.len());
+    (0..readings).for_each(|i| errors[(i, i)] = levels[i / steps]);
     for (j, curve) in noisy.iter().enumerate() {
         let unit = range(curve) / noise[j];
         errors
@@ -541,5 +557,15 @@ impl Faults {
             }
         }
         right
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_level_of_a_noise_is_of_what_is_not_far_off() {
+        assert_eq!(level(&[3.0, -4.0, 100.0, 0.0], &[2]), (25.0_f64 / 3.0).sqrt());
     }
 }
