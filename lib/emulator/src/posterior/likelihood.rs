@@ -427,17 +427,16 @@ impl<'a> Likelihood<'a> {
             row[i] += NO_VARIANCE;
         }
         let factor = Cholesky::new(&factor).ok()?.lower().clone();
-        // G L, shape (components, components), and Lᵀ G L, row by row of L.
-        let mut product = vec![0.0; k * k];
-        for (g, product) in g.chunks_exact(k).zip(product.chunks_exact_mut(k)) {
-            for (l, g) in g.iter().enumerate() {
-                product.iter_mut().zip(factor.row(l)).for_each(|(sum, factor)| *sum += g * factor);
-            }
-        }
+        // G L, a row at a time, and Lᵀ G L, to which each row is added.
+        let mut row = vec![0.0; k];
         let mut inner = Triangle::zeros(k);
-        for (l, product) in product.chunks_exact(k).enumerate() {
-            for (i, factor) in factor.row(l).iter().enumerate() {
-                inner.row_mut(i).iter_mut().zip(product).for_each(|(sum, product)| *sum += factor * product);
+        for i in 0..k {
+            row.fill(0.0);
+            for (l, g) in g[i * k..(i + 1) * k].iter().enumerate() {
+                row.iter_mut().zip(factor.row(l)).for_each(|(sum, factor)| *sum += g * factor);
+            }
+            for (j, factor) in factor.row(i).iter().enumerate() {
+                inner.row_mut(j).iter_mut().zip(&row).for_each(|(sum, product)| *sum += factor * product);
             }
         }
         (0..k).for_each(|i| inner.row_mut(i)[i] += 1.0);
