@@ -306,8 +306,8 @@ fn draw(bench: &Bench, condition: Condition, seed: u64, stream: u64, time: u64) 
     let right = faults.taken_out(bench, &noisy, &simulated);
     let after = world.fit(&[], &right, &noise)?;
     let above = |fit: &Fit, seen: &[Vec<f64>]| -> Result<f64> {
-        Ok((gap(&fit.curves, seen, &noisy, &outliers) - floor(fit, (&noise, &levels), &noisy, &factor)?)
-            .max(0.0))
+        let floor = floor(fit, &noise, &levels, &noisy, &factor)?;
+        Ok((gap(&fit.curves, seen, &noisy, &outliers) - floor).max(0.0))
     };
     let (gap_before, gap_after) = (above(&before, &noisy)?, above(&after, &right)?);
     let visibility = |left_out: &[usize]| Ok(world.fit(left_out, &truth, &spread)?.rms);
@@ -480,17 +480,13 @@ fn gap(curves: &[Vec<f64>], seen: &[Vec<f64>], noisy: &[Vec<f64>], outliers: &[V
 /// was drawn by, and what luck adds to it is no gap.
 fn level(noise: &[f64], far_off: &[usize]) -> f64 {
     let near = (0..noise.len()).filter(|step| !far_off.contains(step));
-    (near.map(|step| noise[step].powi(2)).sum::<f64>() / (noise.len() - far_off.len()) as f64).sqrt()
+    let square: f64 = near.map(|step| noise[step].powi(2)).sum();
+    (square / (noise.len() - far_off.len()) as f64).sqrt()
 }
 
 /// The mean square that noise, so many times as large as its standard deviation, and scatter alone leave of a gap, once a fit
 /// has followed them as far as it can.
-fn floor(
-    fit: &Fit,
-    (noise, levels): (&[f64], &[f64]),
-    noisy: &[Vec<f64>],
-    factor: &DMatrix<f64>,
-) -> Result<f64> {
+fn floor(fit: &Fit, noise: &[f64], levels: &[f64], noisy: &[Vec<f64>], factor: &DMatrix<f64>) -> Result<f64> {
     let steps = noisy[0].len();
     let slopes = &fit.slopes;
     let information = slopes.tr_mul(slopes) + DMatrix::identity(slopes.ncols(), slopes.ncols()) * 1e-9;

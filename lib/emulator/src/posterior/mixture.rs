@@ -84,13 +84,9 @@ impl LocalMixture {
     /// ln of the density, over the whole space.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
         let mut away = vec![0.0; x.len()];
-        let mut terms = Vec::with_capacity(self.centres.len());
-        let mut highest = f64::NEG_INFINITY;
-        for centre in &self.centres {
-            let term = centre.ln_density(&centre.at, x, (1.0, highest - NOTHING), &mut away);
-            highest = highest.max(term);
-            terms.push(term);
-        }
+        let mut terms: Vec<f64> =
+            self.centres.iter().map(|centre| centre.ln_density(&centre.at, x, 1.0, &mut away)).collect();
+        let highest = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         terms.retain(|term| *term > highest - NOTHING);
         let constant = 0.5 * x.len() as f64 * std::f64::consts::TAU.ln() + (self.centres.len() as f64).ln();
         ln_sum_exp(&terms) - constant
@@ -104,7 +100,6 @@ impl LocalMixture {
         let next = here.step(x, scale, generator);
         let there = &self.centres[self.nearest(&next)];
         let mut away = vec![0.0; x.len()];
-        let scale = (scale, f64::NEG_INFINITY);
         let ln_q = there.ln_density(&next, x, scale, &mut away) - here.ln_density(x, &next, scale, &mut away);
         (next, ln_q)
     }
@@ -137,18 +132,10 @@ impl Centre {
         (0..from.len()).map(|i| from[i] + scale * dot(&self.factor.row(i)[..=i], &normal[..=i])).collect()
     }
 
-    /// Of a step by so many times the factor, up to (2π)^(−d/2) times that scale to the power −d; what is lower than `least` is
-    /// not made out, and −∞. `away` is room for d numbers.
-    fn ln_density(&self, from: &[f64], to: &[f64], (scale, least): (f64, f64), away: &mut [f64]) -> f64 {
+    /// Of a step by so many times the factor, up to (2π)^(−d/2) times that scale to the power −d; `away` is room for d numbers.
+    fn ln_density(&self, from: &[f64], to: &[f64], scale: f64, away: &mut [f64]) -> f64 {
         away.iter_mut().zip(to.iter().zip(from)).for_each(|(away, (to, from))| *away = to - from);
-        let most = 2.0 * (self.ln_norm - least) * scale * scale;
-        let mut square = 0.0;
-        for i in 0..away.len() {
-            square += dot(&self.inverse.row(i)[..=i], &away[..=i]).powi(2);
-            if square > most {
-                return f64::NEG_INFINITY;
-            }
-        }
+        let square: f64 = (0..away.len()).map(|i| dot(&self.inverse.row(i)[..=i], &away[..=i]).powi(2)).sum();
         self.ln_norm - 0.5 * square / (scale * scale)
     }
 }
