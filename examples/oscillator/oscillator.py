@@ -2,7 +2,7 @@
 
     oscillator.py NAME f zeta v1 v2 mu beta drag play
 
-writes NAME_sim.txt: the time t in s and the displacement x in mm. The parameters are described in README.md.
+writes NAME_sim.txt: the time t in s and the displacement x in mm. Its parameters are described in the README.md of the example oscillator.
 """
 
 import math

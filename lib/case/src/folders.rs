@@ -20,3 +20,6 @@ pub const CURVES: &str = "posterior-curves.txt";
 /// The table of the two calibrations that a shrink was measured between, `part folder`, by their names in the folder of the
 /// diagnosis.
 pub const SHRINK_BETWEEN: &str = "shrink-between.txt";
+
+/// The shrink at steps that no calibration sees: its table, what it concludes and its words.
+pub const SHRINK_UNSEEN: [&str; 3] = ["shrink-unseen.txt", "shrink-unseen-verdict.txt", "shrink-unseen.log"];

@@ -14,6 +14,7 @@ mod model;
 mod overrides;
 mod places;
 mod settings;
+pub mod shell;
 mod values;
 mod winner;
 

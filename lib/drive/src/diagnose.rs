@@ -11,7 +11,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use gl_case::folders::{BASE, BASE_WIDER, SHRINK_BETWEEN};
+use gl_case::folders::{BASE, BASE_WIDER, SHRINK_BETWEEN, SHRINK_UNSEEN};
 use gl_case::{Case, Engine, Posterior, Test, Winner};
 use gl_gap::attribute::winner::{MostProbable, cause, winning_effects};
 use gl_gap::shrink::COLUMNS;
@@ -25,7 +25,7 @@ use crate::arguments::{Request, Results};
 use crate::calibrate::{RUNS_WEIGHTS, alone};
 use crate::check;
 use crate::columns::{Which, ensembles, measured, units};
-use crate::step::{Call, Messages, Runner, is_current, make_folder, put, show, touch, write};
+use crate::step::{Call, Messages, Runner, is_current, make_folder, put, show, touch};
 
 /// What all steps of a diagnosis have in common.
 pub(crate) struct Diagnosis<'a> {
@@ -314,12 +314,11 @@ impl Diagnosis<'_> {
             .flag("--before", tables(&base))
             .flag("--after", tables(&after));
         if let Some(seen) = seen(self.case) {
-            let unseen = call
-                .clone()
-                .flag("--calibrated", seen)
-                .verdict(&self.file("shrink-unseen-verdict.txt"))
-                .flag("-o", self.file("shrink-unseen.txt"));
-            self.must(&unseen, "shrink-unseen.log")?;
+            let [table, verdict, log] = SHRINK_UNSEEN;
+            let unseen = call.clone().flag("--calibrated", seen);
+            self.must(&unseen.verdict(&self.file(verdict)).flag("-o", self.file(table)), log)?;
+        } else {
+            self.remove(&SHRINK_UNSEEN)?;
         }
         if !winner.rig.is_empty() {
             let rig = &winner.rig;
@@ -340,19 +339,15 @@ impl Diagnosis<'_> {
             return Ok(Progress::Finished);
         }
         gl_cli::note("gl-diagnose", "nothing is known to be the cause, so nothing is put in");
-        for file in [
-            "locate-after.txt",
-            SHRINK_BETWEEN,
-            "shrink-unseen.txt",
-            "shrink-unseen-verdict.txt",
-            "shrink-unseen.log",
-            "shrink-verdict.txt",
-            "shrink.log",
-        ] {
-            let _ = std::fs::remove_file(self.file(file));
-        }
+        self.remove(&["locate-after.txt", SHRINK_BETWEEN, "shrink-verdict.txt", "shrink.log"])?;
+        self.remove(&SHRINK_UNSEEN)?;
         TableWriter::create(Some(table), &COLUMNS)?.finish()?;
         Ok(Progress::Finished)
+    }
+
+    /// Remove what no longer holds of an earlier call.
+    fn remove(&self, files: &[&str]) -> Result<()> {
+        files.iter().try_for_each(|file| gl_table::remove(&self.file(file)))
     }
 
     fn report(&self) -> Result<()> {
@@ -370,7 +365,7 @@ impl Diagnosis<'_> {
 
     /// What it all came to, for who calls where nothing is left to be done.
     fn say_again(&self) -> Result<()> {
-        for log in ["locate.log", "attribution.log", "shrink-unseen.log", "shrink.log"] {
+        for log in ["locate.log", "attribution.log", SHRINK_UNSEEN[2], "shrink.log"] {
             show(&self.file(log), 0);
         }
         for page in ["report.html", "report.md"] {
@@ -400,7 +395,7 @@ fn seen(case: &Case) -> Option<String> {
 
 /// Put a text into a file so that what depends on it is made again.
 pub(crate) fn renew(from: &Path, to: &Path) -> Result<()> {
-    write(to, &std::fs::read(from)?)
+    gl_table::write_whole(to, &std::fs::read(from)?)
 }
 
 /// How far the gap is foretold to close by each cause, the likeliest first.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use gl_case::suggestion;
 
-use crate::step::{make_folder, write};
+use crate::step::make_folder;
 
 /// A case that is in the program.
 struct Example {
@@ -45,7 +45,10 @@ pub fn init(folder: &Path, from: Option<&str>) -> Result<()> {
     make_folder(folder)?;
     // The case itself comes last, so that what has one is whole.
     let (case, others): (Vec<_>, Vec<_>) = files.into_iter().partition(|(name, _)| *name == "case.toml");
-    others.into_iter().chain(case).try_for_each(|(name, bytes)| write(&folder.join(name), bytes))
+    others
+        .into_iter()
+        .chain(case)
+        .try_for_each(|(name, bytes)| gl_table::write_whole(&folder.join(name), bytes))
 }
 
 const EMPTY: [(&str, &str); 3] = [

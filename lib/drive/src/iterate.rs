@@ -45,7 +45,7 @@ pub fn iterate(request: &Request, samples: &Path, runs: &Path, number: usize) ->
         make_folder(&within)?;
         link(&runs, &within.join("runs"))?;
         // The runs may be others than before.
-        remove(&within.join("ensemble.txt"))?;
+        gl_table::remove(&within.join("ensemble.txt"))?;
     }
     let prior = Prior::read(&case.params())?;
     let setting = Setting {
@@ -77,7 +77,7 @@ fn link(runs: &Path, target: &Path) -> Result<()> {
     if is_same(runs, target) {
         return Ok(());
     }
-    remove(target)?;
+    gl_table::remove(target)?;
     let whole = fs::canonicalize(runs).with_context(|| format!("{}: cannot be read", runs.display()))?;
     std::os::unix::fs::symlink(whole, target).with_context(|| format!("{}: cannot be made", target.display()))
 }
@@ -85,13 +85,4 @@ fn link(runs: &Path, target: &Path) -> Result<()> {
 fn is_same(one: &Path, other: &Path) -> bool {
     let whole = |path: &Path| -> Option<PathBuf> { fs::canonicalize(path).ok() };
     whole(one).is_some_and(|one| whole(other) == Some(one))
-}
-
-fn remove(path: &Path) -> Result<()> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("{}: cannot be replaced", path.display()))
-        }
-        _ => Ok(()),
-    }
 }

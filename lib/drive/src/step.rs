@@ -6,7 +6,8 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::SystemTime;
 
 use anyhow::{Context, Error, Result, anyhow, bail};
-use gl_table::{Sink, Table, TableWriter};
+use gl_case::shell::quoted;
+use gl_table::{Table, TableWriter, write_whole};
 
 /// Tools that write their conclusions as a table.
 const WITH_VERDICT: [&str; 4] = ["gl-check-stop", "gl-gap-attribute", "gl-gap-locate", "gl-gap-shrink"];
@@ -67,15 +68,6 @@ impl Call {
         let words = self.arguments.iter().map(|argument| quoted(&argument.to_string_lossy()));
         std::iter::once(self.tool.to_owned()).chain(words).collect::<Vec<_>>().join(" ")
     }
-}
-
-/// A word as a shell reads it.
-fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.,/=+@:%".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
 }
 
 /// Where what a tool says goes.
@@ -266,14 +258,7 @@ pub(crate) fn put(path: &Path, bytes: &[u8]) -> Result<()> {
     if fs::read(path).is_ok_and(|there| there == bytes) {
         return Ok(());
     }
-    write(path, bytes)
-}
-
-/// Put something into a file, whole or not at all.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut sink = Sink::create(Some(path))?;
-    sink.write_all(bytes).with_context(|| format!("{}: cannot be written", path.display()))?;
-    sink.finish()
+    write_whole(path, bytes)
 }
 
 /// [`put`] what another file holds.

@@ -5,8 +5,10 @@
 //! the emulator where it matters, holds the noise against what was stated, samples by [`smc`] and says how
 //! far all this can be trusted; [`Inference::next_runs`] says which runs would tell most.
 
+mod asked;
 mod batch;
 mod curves;
+mod first_look;
 mod held_out;
 pub mod likelihood;
 pub mod mixture;
@@ -29,21 +31,15 @@ use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::Observations;
 use gl_inference::prior::Prior;
 use gl_inference::samples::Samples;
-use gl_numeric::statistics::{mean, sd};
 use gl_progress::stage;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
-use likelihood::{Likelihood, Measured, NoiseAt, Nuisances, Posterior};
+use asked::Asked;
+use first_look::{first_look, nuisances, of_whole_prior};
+use likelihood::{Likelihood, Measured, NoiseAt, Nuisances};
 use noise::ChiSquare;
 pub use proof::Proof;
-use settle::{Outcome, Sampler, from_prior};
-use smc::{Effort, Population, sample};
 use space::Space;
-use surrogate::{MOST_CALIBRATION, PLAIN, Ranked, Recipe, Surrogate};
-
-use crate::warp::{self, FAR, FAR_OF_SCATTER, scatters};
+use surrogate::{PLAIN, Ranked, Surrogate};
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -58,7 +54,7 @@ pub struct Question<'a> {
     pub observations: &'a Observations,
     /// Standard deviation of its noise, shape (observables, steps), if it is known.
     pub noise: Option<&'a [Vec<f64>]>,
-    /// Where it is not known: what the noise is a share of, shape (observables, steps); the largest value of each
+    /// Where it is not known: what the noise is a share of, shape (observables, steps); the largest size of a value of each
     /// observable if absent.
     pub scale: Option<&'a [Vec<f64>]>,
     /// Steps that are compared.
@@ -157,9 +153,6 @@ pub struct Run {
     pub error: f64,
 }
 
-/// Particles for a first look.
-const FIRST_PARTICLES: usize = 600;
-
 /// From so many runs a parameter, and so many more, an emulator must follow the simulator.
 const ENOUGH_RUNS: (usize, usize) = (15, 10);
 
@@ -172,15 +165,6 @@ const UNFIT_KURTOSIS: f64 = 9.0;
 /// From so many runs a parameter it must know enough, too: ln likelihood to this.
 const MANY_RUNS: usize = 30;
 const UNFIT_IGNORANCE: f64 = 2.0;
-
-/// Probability below which a batch is not as it was predicted.
-const DISPROVEN: f64 = 0.01;
-
-/// Draws whose likelihoods are compared in pairs.
-const PAIRED: usize = 400;
-
-/// Below this share of the noise's variance, the simulation's scatter makes no difference.
-const SCATTER_COUNTS: f64 = 0.02;
 
 /// An emulator of the best runs alone that leaves more of ln likelihood open than this may know less than one of all
 /// runs.
@@ -240,295 +224,6 @@ pub fn infer(question: &Question<'_>, options: Options) -> Result<Inference> {
     Ok(if of_all.ignorance < inference.ignorance { of_all } else { inference })
 }
 
-/// The measurement and the runs as an emulator sees them, and one of few runs.
-fn first_look(question: &Question<'_>, space: &Space, seed: u64) -> Result<(Measured, Ensemble, Surrogate)> {
-    let observations = question.observations.part(question.steps.clone());
-    let all: Vec<usize> = (0..question.ensemble.len()).collect();
-    let runs = question.ensemble.part(&all, question.steps.clone()).without_far_off(&observations);
-    let look = |far: f64| -> Result<(Measured, Ensemble, Surrogate)> {
-        let measured = measured(question, &observations, &runs, far);
-        let ensemble = warp::seen(&runs, &measured.warps);
-        let first = Ranked::new(space, question.samples, &ensemble, &measured).first_look(&measured, seed)?;
-        Ok((measured, ensemble, first))
-    };
-    let (measured, ensemble, first) = look(FAR)?;
-    if measured.warps.iter().any(|warp| warp.is_some()) && scatters(&first.emulator) {
-        return look(FAR_OF_SCATTER);
-    }
-    Ok((measured, ensemble, first))
-}
-
-/// Draws through a first emulator, from the whole prior on.
-fn of_whole_prior(likelihood: &Likelihood<'_>, space: &Space, seed: u64) -> Result<Population> {
-    let start = from_prior(space, likelihood.nuisances().len(), FIRST_PARTICLES, seed)?;
-    let effort = Effort { moves: 2.0, last_moves: 3.0, sweeps: 8, seed };
-    sample(&Posterior(likelihood), None, start, effort)
-}
-
-/// What all emulators of one question have in common.
-struct Asked<'a> {
-    samples: &'a Samples,
-    options: Options,
-    space: &'a Space,
-    measured: &'a Measured,
-    /// The runs as an emulator sees them.
-    ensemble: &'a Ensemble,
-    ranked: Ranked<'a>,
-    /// Where the runs that fit best stand, shape (runs, parameters).
-    near: Vec<Vec<f64>>,
-    newest: HashSet<&'a str>,
-    /// What the runs before the newest say: these are held against it, and the search for lengths starts there, too.
-    before: Option<Surrogate>,
-    nuisances: Nuisances,
-    /// Draws of a first look.
-    population: Population,
-}
-
-impl Asked<'_> {
-    /// An emulator of the runs before the newest, as this recipe has it.
-    fn before(&self, recipe: Recipe) -> Option<Surrogate> {
-        let before = self.before.as_ref()?;
-        if recipe == PLAIN {
-            return Some(before.clone());
-        }
-        let earlier = self.ranked.without(&self.newest);
-        Some(earlier.by(recipe, self.measured, self.options.seed).unwrap_or_else(|_| before.clone()))
-    }
-
-    /// The posterior through an emulator.
-    fn through(&self, mut surrogate: Surrogate) -> Result<Inference> {
-        let Self { space, measured, options, .. } = *self;
-        let before = self.before(Recipe { is_kept: false, ..surrogate.recipe });
-        let prove = |variance: f64, reach: f64| match &before {
-            Some(before) => {
-                let measured = (measured, variance, reach);
-                proof::prove(before, &self.ranked, &self.newest, measured, space, self.samples)
-            }
-            None => Ok(None),
-        };
-        let proof = prove(1.0, 0.0)?;
-        if let Some(proof) = proof.filter(|proof| proof.p < DISPROVEN) {
-            // What was predicted too boldly may well be so again: of both widths the larger.
-            surrogate.calibration = surrogate.calibration.max(proof.z * proof.z).min(MOST_CALIBRATION);
-        }
-        if let Some(proof) = proof.filter(|proof| options.white && proof.has_less_scatter()) {
-            // A fit of least squares is to come as close as it can; a posterior had better be wide where in doubt.
-            surrogate.scatter = surrogate.scatter.times((proof.error / proof.scatter).powi(2));
-        }
-        let sampler =
-            Sampler { surrogate: &surrogate, space, measured, options, near: &self.near, is_exact: false };
-        let outcome = sampler.settle(&self.nuisances, &self.population)?;
-        // What counts depends on how large the noise turned out to be, and on where the posterior lies.
-        let reach = proof::reach(&surrogate, &outcome.population.points, measured, space);
-        let proof = prove(outcome.variance(space), reach)?;
-        self.finish(surrogate, outcome, proof)
-    }
-
-    /// What the draws come to.
-    fn finish(&self, surrogate: Surrogate, outcome: Outcome, proof: Option<Proof>) -> Result<Inference> {
-        let Self { samples, options, space, measured, ensemble, .. } = *self;
-        let Outcome { population, nuisances, correlated, chi_square } = outcome;
-        let likelihood = Likelihood::new(&surrogate, space, measured, nuisances.clone());
-        let points = thinned(&population.points, options.draws, options.seed);
-        let residual = |x: &Vec<f64>| measured.residual(surrogate.curve(space, x).as_slice());
-        let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
-        let fits: Vec<likelihood::Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
-        let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
-        let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
-        let pairs: Pairs<'_> = points.chunks_exact(2).take(PAIRED / 2).zip(noise.iter().step_by(2)).collect();
-        let ignorance = ignorance(&likelihood, &pairs);
-        let degrees = surrogate.emulator.runs().len().saturating_sub(space.len() + 1).max(1) as f64;
-        // The variance of n runs is known to √(2/n).
-        let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
-        let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
-        let (runs, places) = real_runs(&self.ranked, space, measured, (samples, ensemble))?;
-        let failed = failed(space, samples, ensemble)?;
-        Ok(Inference {
-            values: points.iter().map(|x| space.values(x)).collect(),
-            misfit: fits.iter().map(|fit| fit.square).collect(),
-            error: residuals.iter().map(|residual| measured.error(residual)).collect(),
-            ln_evidence: population.ln_evidence,
-            left: noise::test(&residuals[best], measured, space.len()),
-            independent_readings: noise::independent(&residuals[best], measured).iter().sum(),
-            chi_square,
-            ignorance,
-            scatter_error,
-            shift_if_known,
-            ratio_if_known,
-            proof,
-            runs,
-            observables: ensemble.observables.clone(),
-            correlated,
-            places,
-            failed,
-            are_alike: ensemble.len() > 1
-                && (1..ensemble.len()).all(|run| ensemble.curves(run) == ensemble.curves(0)),
-            noise,
-            nuisances,
-            points,
-            measured: measured.clone(),
-            surrogate,
-            space: space.clone(),
-        })
-    }
-}
-
-/// What is compared of the steps of a measurement: its readings but for those that are far off. Runs that reach so many
-/// times beyond them are warped.
-fn measured(question: &Question<'_>, whole: &Observations, runs: &Ensemble, far: f64) -> Measured {
-    let observations = whole.without_far_off();
-    let lengths = observations.values.iter().map(Vec::len);
-    let starts: Vec<usize> = std::iter::once(0)
-        .chain(lengths.scan(0, |end, length| {
-            *end += length;
-            Some(*end)
-        }))
-        .collect();
-    let ranges = observations.sizes();
-    let base = match question.noise.or(question.scale) {
-        Some(noise) => {
-            let of = |(j, noise): (usize, &Vec<f64>)| whole.near(j, cut(noise, &question.steps));
-            noise.iter().enumerate().flat_map(of).collect()
-        }
-        // As the filter has it: the largest value.
-        None => {
-            let sizes = observations.values.iter().zip(&ranges).map(|(values, range)| {
-                let largest = values.iter().fold(0.0, |size: f64, value| size.max(value.abs()));
-                if largest > 0.0 { largest } else { *range }
-            });
-            sizes.zip(&observations.values).flat_map(|(size, values)| vec![size; values.len()]).collect()
-        }
-    };
-    let base: Vec<f64> = base;
-    let warps = warp::warps(&observations.values, runs, far);
-    let readings = observations.values.concat();
-    let observable_of = |o: usize| starts.partition_point(|start| *start <= o) - 1;
-    let of = |o: usize| (warps[observable_of(o)], readings[o]);
-    Measured {
-        values: (0..readings.len()).map(|o| of(o).0.there(of(o).1)).collect(),
-        base: base.iter().enumerate().map(|(o, sd)| sd * of(o).0.slope(of(o).1)).collect(),
-        noise: base,
-        readings,
-        warps,
-        is_known: question.noise.is_some(),
-        starts,
-        ranges,
-    }
-}
-
-/// The part of an observable at the steps that are compared; one of a shorter test has fewer.
-fn cut<'a>(values: &'a [f64], steps: &std::ops::Range<usize>) -> &'a [f64] {
-    &values[steps.start.min(values.len())..steps.end.min(values.len())]
-}
-
-/// What is not known of the noise, before the residuals have been looked at.
-fn nuisances(first: &Surrogate, space: &Space, measured: &Measured, options: Options) -> Nuisances {
-    let mut nuisances = Nuisances {
-        scatter: Some(options.scatter.unwrap_or(1.0)),
-        ln_noise: None,
-        inflation: false,
-        correlation: vec![false; measured.observables()],
-    };
-    if !measured.is_known {
-        let share = |j: usize| measured.ranges[j] / measured.noise[measured.own(j).start];
-        let shares: Vec<f64> = (0..measured.observables()).map(share).collect();
-        let least = shares.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = shares.iter().copied().fold(0.0, f64::max);
-        nuisances.ln_noise = Some(((1e-5 * least).ln(), (2.0 * most).ln()));
-    }
-    if options.scatter.is_none() && scatter_counts(first, space, measured, &nuisances) {
-        nuisances.scatter = None;
-    }
-    nuisances
-}
-
-/// Whether the simulation's scatter is large enough to make a difference.
-fn scatter_counts(surrogate: &Surrogate, space: &Space, measured: &Measured, nuisances: &Nuisances) -> bool {
-    let exact = NoiseAt { scatter: 0.0, variance: 1.0, correlation: vec![0.0; measured.observables()] };
-    let likelihood = Likelihood::new(surrogate, space, measured, nuisances.clone());
-    let importance = likelihood.importance(&exact);
-    let counts = (surrogate.scatter.of_scores(&surrogate.emulator, measured) * importance).trace();
-    // Where the noise is not known, what counts is not either.
-    !measured.is_known || counts > SCATTER_COUNTS * space.len() as f64
-}
-
-/// Some of the points, evenly from a random order; all of them and some again where more are wanted.
-fn thinned(points: &[Vec<f64>], count: usize, seed: u64) -> Vec<Vec<f64>> {
-    let mut generator = ChaCha8Rng::seed_from_u64(seed ^ 0xd4a3);
-    let order = rand::seq::index::sample(&mut generator, points.len(), points.len()).into_vec();
-    order.iter().cycle().take(count).map(|&i| points[i].clone()).collect()
-}
-
-/// Draws in pairs, with the noise at the first of each.
-type Pairs<'a> = Vec<(&'a [Vec<f64>], &'a NoiseAt)>;
-
-/// See [`Inference::ignorance`].
-fn ignorance(likelihood: &Likelihood<'_>, pairs: &Pairs<'_>) -> f64 {
-    let squares: Vec<f64> =
-        pairs.par_iter().map(|(pair, noise)| likelihood.ignorance(&pair[0], &pair[1], noise)).collect();
-    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
-}
-
-/// Share of what the measurement says that the simulation's scatter takes away.
-fn taken(likelihood: &Likelihood<'_>, pairs: &Pairs<'_>) -> f64 {
-    let information: Vec<(f64, f64)> =
-        pairs.par_iter().map(|(pair, noise)| likelihood.information(&pair[0], &pair[1], noise)).collect();
-    let (without, with) =
-        information.into_iter().fold((0.0, 0.0), |(a, b), (without, with)| (a + without, b + with));
-    if without > 0.0 { (1.0 - with / without).clamp(0.0, 1.0) } else { 0.0 }
-}
-
-/// The runs from the best, and where they stand, shape (runs, parameters that vary).
-fn real_runs(
-    ranked: &Ranked<'_>,
-    space: &Space,
-    measured: &Measured,
-    (samples, ensemble): (&Samples, &Ensemble),
-) -> Result<(Vec<Run>, Vec<Vec<f64>>)> {
-    let values = samples.columns(&space.prior().names())?;
-    let index = samples.index();
-    let of = |&run: &usize| {
-        let residual = measured.residual(&ensemble.curves(run).concat());
-        let name = ensemble.samples[run].clone();
-        let place = index.get(name.as_str()).map_or(Vec::new(), |&i| space.place(&values[i]));
-        let misfit = residual.iter().zip(&measured.noise).map(|(r, sd)| (r / sd).powi(2)).sum();
-        (Run { name, misfit, error: measured.error(&residual) }, place)
-    };
-    let mut runs: Vec<(Run, Vec<f64>)> = ranked.order.iter().map(of).collect();
-    runs.sort_by(|(a, _), (b, _)| a.misfit.total_cmp(&b.misfit).then_with(|| a.name.cmp(&b.name)));
-    Ok(runs.into_iter().unzip())
-}
-
-/// Where samples stand that have no run, shape (samples, parameters that vary).
-fn failed(space: &Space, samples: &Samples, ensemble: &Ensemble) -> Result<Vec<Vec<f64>>> {
-    let done: HashSet<&String> = ensemble.samples.iter().collect();
-    let values = samples.columns(&space.prior().names())?;
-    let failed = samples.names.iter().zip(&values).filter(|(name, _)| !done.contains(name));
-    Ok(failed.map(|(_, values)| space.place(values)).collect())
-}
-
-/// How mean and standard deviation would change if the emulator's mean were exact: the largest shift in
-/// standard deviations, and the smallest ratio.
-fn if_known(
-    likelihood: &Likelihood<'_>,
-    points: &[Vec<f64>],
-    fits: &[likelihood::Fit],
-    parameters: usize,
-) -> (f64, f64) {
-    let ln_weight: Vec<f64> =
-        points.par_iter().zip(fits).map(|(x, fit)| likelihood.fit_if_known(x).ln - fit.ln).collect();
-    let Ok(weights) = gl_numeric::statistics::normalised(&ln_weight) else { return (f64::INFINITY, 0.0) };
-    let even = vec![1.0 / points.len() as f64; points.len()];
-    let (mut shift, mut ratio) = (0.0_f64, f64::INFINITY);
-    for j in 0..parameters {
-        let column: Vec<f64> = points.iter().map(|x| x[j]).collect();
-        let spread = sd(&column, &even).max(f64::MIN_POSITIVE);
-        shift = shift.max((mean(&column, &weights) - mean(&column, &even)).abs() / spread);
-        ratio = ratio.min(sd(&column, &weights) / spread);
-    }
-    (shift, ratio)
-}
-
 impl Inference {
     /// Parameters of `count` runs that would tell most, shape (count, parameters), the most useful first.
     ///
@@ -570,8 +265,10 @@ impl Inference {
 #[cfg(test)]
 mod tests {
     use gl_inference::prior::normal_quantile;
+    use gl_numeric::statistics::{mean, sd};
     use gl_table::Table;
-    use rand::Rng;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     use super::*;
 

@@ -31,14 +31,16 @@ use serde::{Deserialize, Serialize};
 use crate::Say;
 use crate::call::Batch;
 use crate::complete::{missing, missing_of};
-use crate::control::{noted_in, quoted};
-use crate::folder::{RunFolder, remove, write};
+use crate::control::noted_in;
+use crate::folder::RunFolder;
 use crate::job::Job;
 use crate::process::Termination;
 use crate::publish::put_status;
 use crate::report::{Report, report};
 use crate::row::{Log as RunLog, Outcome as RowOutcome, run_rows};
 use crate::scheduler::{Log, NoAnswer, Noted, Request, Scheduler, Tasks};
+use gl_case::shell::quoted;
+use gl_table::{remove, write_whole};
 
 /// Rounds in a row that may come to no row at all.
 const IDLE_ROUNDS: usize = 3;
@@ -199,7 +201,7 @@ impl Array<'_> {
     /// The rows that are missing, in a folder that begins anew.
     fn begin(&self) -> Result<Vec<usize>> {
         self.batch.folder.begin(&self.batch.table)?;
-        write(&self.idle_file(), b"0\n")?;
+        write_whole(&self.idle_file(), b"0\n")?;
         missing(&self.batch.table, self.dir())
     }
 
@@ -219,8 +221,8 @@ impl Array<'_> {
         let scratch = self.cluster.scratch.as_ref().map(PathBuf::from);
         Task { rows: rows.to_vec(), rows_per_task: per_task, scratch }.save(&work)?;
         self.batch.job.save()?;
-        write(&work.join("engine"), format!("{}\n", self.engine()).as_bytes())?;
-        write(&work.join("task.sh"), self.task_script().as_bytes())?;
+        write_whole(&work.join("engine"), format!("{}\n", self.engine()).as_bytes())?;
+        write_whole(&work.join("task.sh"), self.task_script().as_bytes())?;
 
         let count = rows.len().div_ceil(per_task);
         let largest = self.scheduler.largest_array();
@@ -247,7 +249,7 @@ impl Array<'_> {
     fn submit_array(&self, jobs: &mut Vec<Noted>, first: usize, tasks: Option<Tasks>) -> Result<()> {
         let script = self.work().join(format!("task-{first}.sh"));
         let task = quoted(&self.work().join("task.sh").display().to_string());
-        write(&script, format!("#!/bin/bash\nexec /bin/bash -l {task} {first}\n").as_bytes())?;
+        write_whole(&script, format!("#!/bin/bash\nexec /bin/bash -l {task} {first}\n").as_bytes())?;
         let is_behind = tasks.is_some_and(|tasks| tasks.at_once.is_some()) && self.scheduler.follows_arrays();
         let last = jobs.last().and_then(|job| job.id.clone()).filter(|_| is_behind);
         let name = self.scheduler.array_name(first);
@@ -285,7 +287,7 @@ impl Array<'_> {
             return remove(&self.jobs_file());
         }
         let lines: String = jobs.iter().map(|job| format!("{job}\n")).collect();
-        write(&self.jobs_file(), lines.as_bytes())
+        write_whole(&self.jobs_file(), lines.as_bytes())
     }
 
     /// What a task runs, in a login shell, since that is what knows `module`; with the programs that the submission
@@ -364,7 +366,7 @@ impl Array<'_> {
             missing.into_iter().partition(|&row| is_tried(row));
         let submitted = Task::load(&self.work())?.rows.len();
         let idle = if lost.len() < submitted { 0 } else { number_in(&self.idle_file()) + 1 };
-        write(&self.idle_file(), format!("{idle}\n").as_bytes())?;
+        write_whole(&self.idle_file(), format!("{idle}\n").as_bytes())?;
         if idle >= IDLE_ROUNDS {
             for row in lost.drain(..) {
                 put_status(self.dir(), self.batch.table.name(row), "137 LOST")?;

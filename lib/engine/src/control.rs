@@ -13,12 +13,12 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use gl_case::Engine;
+use gl_case::shell::quoted;
 use gl_inference::stack::is_test_name;
 use serde::{Deserialize, Serialize};
 
 use crate::Say;
 use crate::cluster;
-use crate::folder::write;
 use crate::lock::OutLock;
 use crate::scheduler::{Job, Log, NoAnswer, Noted, Request, Scheduler};
 
@@ -100,7 +100,7 @@ impl Record {
     /// # Errors
     /// If the files cannot be written.
     pub fn write(&self, out: &Path, gl_submit: &Path) -> Result<()> {
-        write(&out.join(Self::FILE), toml::to_string(self)?.as_bytes())?;
+        gl_table::write_whole(&out.join(Self::FILE), toml::to_string(self)?.as_bytes())?;
         let mut script = "#!/bin/bash\n".to_owned();
         for name in ["PATH", "RUN_TIMEOUT", "PACKED"] {
             if let Some(value) = env::var_os(name) {
@@ -114,7 +114,7 @@ impl Record {
         // A folder that is missing on a node does not fail a job by itself.
         let folder = quoted(&self.folder.display().to_string());
         script.push_str(&format!("cd {folder} && exec {}\n", call.join(" ")));
-        write(&script_of(out), script.as_bytes())
+        gl_table::write_whole(&script_of(out), script.as_bytes())
     }
 
     /// Call the driver: as far as it goes without waiting.
@@ -143,11 +143,6 @@ impl Record {
             _ => bail!("{}: {} failed ({status})", out.display(), self.driver()),
         }
     }
-}
-
-/// A word as a shell takes it, whatever it holds.
-pub(crate) fn quoted(word: &str) -> String {
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 fn script_of(out: &Path) -> PathBuf {
@@ -320,7 +315,7 @@ impl<'a> Control<'a> {
             let out = &self.shown;
             match self.scheduler.submit(&request, say) {
                 Ok(id) => {
-                    write(&self.id_file(), format!("{id}\n").as_bytes())?;
+                    gl_table::write_whole(&self.id_file(), format!("{id}\n").as_bytes())?;
                     let when = if after.is_empty() { "" } else { " when the runs have ended" };
                     say(&format!("{out}: job {id} goes on{when}"));
                     return Ok(());

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use gl_table::Sink;
+use gl_table::remove;
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 
@@ -107,8 +107,8 @@ impl RunFolder {
         }
         self.end()?;
         fs::create_dir(&work).with_context(|| format!("{}: cannot be made", work.display()))?;
-        write(&work.join("samples.txt"), table.text().as_bytes())?;
-        write(&work.join("gl_yade.py"), GL_YADE.as_bytes())
+        gl_table::write_whole(&work.join("samples.txt"), table.text().as_bytes())?;
+        gl_table::write_whole(&work.join("gl_yade.py"), GL_YADE.as_bytes())
     }
 
     /// The table that [`RunFolder::begin`] has left in a folder `.run`.
@@ -140,24 +140,6 @@ impl RunFolder {
             }
             _ => Ok(()),
         }
-    }
-}
-
-/// Write a file that appears whole or not at all.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut sink = Sink::create(Some(path))?;
-    io::Write::write_all(&mut sink, bytes)
-        .with_context(|| format!("{}: cannot be written", path.display()))?;
-    sink.finish()
-}
-
-/// Remove a file that need not be there.
-pub(crate) fn remove(path: &Path) -> Result<()> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("{}: cannot be removed", path.display()))
-        }
-        _ => Ok(()),
     }
 }
 

@@ -1,14 +1,14 @@
 //! Runs that were made before and are kept in a packed file, taken over instead of running them again.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use flate2::bufread::MultiGzDecoder;
 use gl_inference::collect::RTOL;
 use gl_inference::samples::Samples;
-use gl_table::{Sink, Table};
+use gl_table::{Table, write_whole};
 
 use crate::Say;
 use crate::batch_table::BatchTable;
@@ -50,8 +50,8 @@ pub fn take(kept: &Path, table: &BatchTable, dir: &Path, say: Say) -> Result<usi
         let is_of = Parameters::read(&name, &text, table.samples())?;
         if let Some(place) = wanted.iter().position(|&row| is_of.row(&table.samples().values[row])) {
             let name = table.name(wanted.swap_remove(place));
-            put(&file(folder.dir(), name, "_param.txt"), &text)?;
-            put(&file(folder.dir(), name, "_sim.txt"), &bytes)?;
+            write_whole(&file(folder.dir(), name, "_param.txt"), &text)?;
+            write_whole(&file(folder.dir(), name, "_sim.txt"), &bytes)?;
         }
         Ok(())
     })?;
@@ -66,12 +66,6 @@ fn open(path: &Path) -> Result<Box<dyn BufRead>> {
     let input = BufReader::new(input);
     let is_compressed = path.extension().is_some_and(|ending| ending == "gz");
     Ok(if is_compressed { Box::new(BufReader::new(MultiGzDecoder::new(input))) } else { Box::new(input) })
-}
-
-fn put(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut sink = Sink::create(Some(path))?;
-    sink.write_all(bytes).with_context(|| format!("{}: cannot be written", path.display()))?;
-    sink.finish()
 }
 
 /// The parameters of a kept run, in the order of a samples table; `None` for one that the run does not know.
@@ -98,6 +92,7 @@ impl Parameters {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::io::Write;
 
     use flate2::Compression;
     use flate2::write::GzEncoder;

@@ -1,8 +1,8 @@
 //! One driver at a time on a folder.
 //!
 //! The lock is that of the file `.lock` in the folder (flock), in which its holder writes who it is. All
-//! processes that the holder starts inherit it, so that a step that outlives its driver keeps others out until it has
-//! ended. A driver that another one starts on the same folder is told so by [`OutLock::share`].
+//! processes that the holder starts inherit it, so that a step that outlives a driver that was killed keeps others out until
+//! it has ended. A driver that ends by itself has waited for its steps, and frees the folder whatever they have left behind. A driver that another one starts on the same folder is told so by [`OutLock::share`].
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, Write};
@@ -122,8 +122,9 @@ impl OutLock {
 impl Drop for OutLock {
     fn drop(&mut self) {
         if let Some(file) = &mut self.file {
-            // For those who look into the file; the lock itself goes with the last who inherited it.
+            // For those who look into the file.
             let _ = file.set_len(0);
+            // Of all who inherited it, too: a daemon that a simulator has left would keep it for ever.
             let _ = rustix::fs::flock(&*file, FlockOperation::Unlock);
         }
     }

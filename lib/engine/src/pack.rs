@@ -11,7 +11,7 @@ use gl_table::Sink;
 
 use crate::Say;
 use crate::call::file;
-use crate::folder::{self, RunFolder};
+use crate::folder::RunFolder;
 
 const ENDING: &str = "_packed.txt";
 
@@ -79,7 +79,7 @@ pub fn pack(dir: &Path, say: Say) -> Result<usize> {
         }
         for name in names {
             for ending in ["_sim.txt", "_param.txt", ".log", ".status"] {
-                folder::remove(&self::file(dir, name, ending))?;
+                gl_table::remove(&self::file(dir, name, ending))?;
             }
         }
     }

@@ -15,7 +15,6 @@ use tempfile::TempDir;
 
 use crate::batch_table::BatchTable;
 use crate::call::file;
-use crate::folder;
 use crate::job::Job;
 use crate::model::{Model, path_with_own};
 use crate::process::{Ending, Termination, keep_log, supervise, tied};
@@ -114,7 +113,7 @@ impl Run<'_> {
         let scratch = self.scratch(&work)?;
         // What is there belongs to other parameters, or is half a run.
         for ending in ["_sim.txt", "_param.txt", ".status"] {
-            folder::remove(&file(dir, self.name, ending))?;
+            gl_table::remove(&file(dir, self.name, ending))?;
         }
         let clock = Clock::start()?;
         let ending = self.supervise(scratch.path(), termination)?;
@@ -128,7 +127,7 @@ impl Run<'_> {
         } else {
             put_status(dir, self.name, &status.text())?;
         }
-        folder::remove(&marker)?;
+        gl_table::remove(&marker)?;
         Ok(status)
     }
 
@@ -226,7 +225,7 @@ impl Run<'_> {
             put_status(&self.job.dir, self.name, &status.text())?;
         } else {
             // First, so that a run that is complete has none, whenever this is killed.
-            folder::remove(&file(&self.job.dir, self.name, ".log"))?;
+            gl_table::remove(&file(&self.job.dir, self.name, ".log"))?;
         }
         packer.add(scratch, self.name)
     }

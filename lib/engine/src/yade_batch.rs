@@ -14,7 +14,6 @@ use gl_progress::stage;
 use crate::Say;
 use crate::call::Batch;
 use crate::complete::missing;
-use crate::folder;
 use crate::model::{Model, find_program, path_with_own};
 use crate::report::{Report, report};
 
@@ -43,9 +42,9 @@ pub fn run(batch: &mut Batch, threads: NonZeroUsize, say: Say) -> Result<Report>
     if !rows.is_empty() {
         let work = batch.folder.work();
         // Under names of our own, in the current folder: yade-batch hands them to a shell unquoted.
-        folder::write(&work.join("missing.txt"), batch.table.select(&rows).text().as_bytes())?;
+        gl_table::write_whole(&work.join("missing.txt"), batch.table.select(&rows).text().as_bytes())?;
         symlink(script, work.join("model.py")).context("no link to the script can be made")?;
-        folder::write(&work.join("yade"), YADE.as_bytes())?;
+        gl_table::write_whole(&work.join("yade"), YADE.as_bytes())?;
         fs::set_permissions(work.join("yade"), Permissions::from_mode(0o755))
             .context("yade cannot be made a program")?;
         run_batch(batch, &rows, threads)?;

@@ -1,5 +1,6 @@
 //! Riddles: a truth that is drawn and hidden, the measurement that it gives, and whether it was found.
 
+use std::collections::HashSet;
 use std::f64::consts::TAU;
 
 use anyhow::{Context, Result, ensure};
@@ -19,6 +20,9 @@ pub struct MinimalStandard(f64);
 
 const MODULUS: f64 = 2_147_483_647.0;
 
+/// Seeds are below this one, from which on some would draw nothing but zeros.
+pub const SEEDS: u32 = 2_147_483_646;
+
 impl MinimalStandard {
     /// Begin with a seed.
     pub fn new(seed: u32) -> Self {
@@ -37,14 +41,18 @@ impl MinimalStandard {
     }
 }
 
-/// A truth with one of the effects in it, shape (parameters,): the base parameters and the effect's strength
-/// come from the middle half of their ranges, the other effects are off.
+/// A truth with one of the effects in it, each as likely as the others, shape (parameters,): the base parameters and the
+/// effect's strength come evenly from the middle half of their ranges, the other effects are off.
+///
+/// * `seed` — below [`SEEDS`].
 ///
 /// # Errors
 /// If there is no effect to draw.
 pub fn truth(prior: &Prior, seed: u32) -> Result<Vec<f64>> {
     let parameters = prior.parameters();
-    let effects: Vec<&str> = parameters.iter().filter_map(|p| p.effect.as_deref()).collect();
+    let mut effects: Vec<&str> = parameters.iter().filter_map(|p| p.effect.as_deref()).collect();
+    let mut seen = HashSet::new();
+    effects.retain(|effect| seen.insert(*effect));
     ensure!(!effects.is_empty(), "no parameter belongs to an effect; there is nothing to hide");
     let mut random = MinimalStandard::new(seed + 1);
     // Neighbouring seeds begin alike, so that each skips another number of draws.

@@ -42,8 +42,11 @@ pub struct Stretch {
 /// are promised, since a correlation estimated from few readings tends to come out too low.
 const FALSE_ALARMS: f64 = 0.025;
 
-/// Replicates without a gap that say what stands out.
-const REPLICATES: usize = 499;
+/// Replicates without a gap that say what stands out: so many that a dozen exceed the threshold, between these.
+const REPLICATES: (usize, usize) = (500, 5000);
+
+/// Replicates that exceed the threshold.
+const EXCEEDING: f64 = 12.5;
 
 /// Most places per observable at which the axis may be cut.
 const MOST_CUTS: usize = 200;
@@ -225,7 +228,8 @@ impl Problem {
 
     /// What the deviation of the most deviant interval exceeds, without a gap, in few replicates.
     fn threshold(&self, noises: &[Noise], seed: u64) -> Result<f64> {
-        let highest = (0..REPLICATES).into_par_iter().map(|replicate| {
+        let replicates = ((EXCEEDING / self.alarms) as usize).clamp(REPLICATES.0, REPLICATES.1);
+        let highest = (0..replicates).into_par_iter().map(|replicate| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(replicate as u64);
             let mut gap: Vec<Vec<f64>> = noises.iter().map(|noise| noise.draw(&mut rng)).collect();
@@ -241,7 +245,7 @@ impl Problem {
         });
         let mut highest = highest.collect::<Result<Vec<f64>>>()?;
         highest.sort_by(f64::total_cmp);
-        Ok(highest[(((1.0 - self.alarms) * REPLICATES as f64).ceil() as usize).min(REPLICATES - 1)])
+        Ok(highest[(((1.0 - self.alarms) * replicates as f64).ceil() as usize).min(replicates - 1)])
     }
 
     /// The axis of every observable cut at the ends of the intervals found, with heights that allow

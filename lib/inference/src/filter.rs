@@ -121,7 +121,7 @@ impl Runs {
         );
         let short_of = |ln_sigma: f64| self.ess(best, ln_sigma.exp()).map(|ess| target - ess);
         // Below `low` only the best have weight, above `high` the misfit makes no difference.
-        let (low, high) = ((least / 1e3).ln(), (most * 1e12).ln());
+        let (low, high) = ((least / 1e3).ln(), most.ln() + 1e12_f64.ln());
         let at_low = short_of(low)?;
         ensure!(
             at_low >= 0.0,

@@ -76,10 +76,10 @@ fn two_sided(z: f64) -> f64 {
     Normal::new(0.0, 1.0).map_or(1.0, |normal| 2.0 * normal.sf(z.abs())).min(1.0)
 }
 
-/// The probability of so many tests together whose smallest one this is.
-fn smallest_of(tests: i32, p: f64) -> f64 {
+/// The probability of so many tests together whose smallest one this is (Šidák 1967).
+pub fn smallest_of(tests: usize, p: f64) -> f64 {
     // To the last digit where it is small.
-    -(f64::from(tests) * (-p).ln_1p()).exp_m1()
+    -(tests as f64 * (-p).ln_1p()).exp_m1()
 }
 
 /// That what is left alternates with this correlation of neighbours, and what to do about it, for who says of what.
@@ -99,6 +99,11 @@ pub fn said(p: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use gl_numeric::normal::normal_quantile;
+    use rand::distr::Open01;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     #[test]
@@ -106,17 +111,19 @@ mod tests {
         assert_eq!((said(0.0).as_str(), said(0.00123).as_str()), ("less than 1e-300", "1.2e-3"));
     }
 
-    /// Noise of variance 1, the same on every machine.
-    fn noise(seed: usize, n: usize) -> Vec<f64> {
-        let uniform = |i: usize| (((i + 1) * (2 * seed + 1)) as f64 * 0.618_033_988_749_895).fract();
-        (0..n).map(|t| 12f64.sqrt() * (uniform(t * t + 7 * t + seed) - 0.5)).collect()
+    /// Standard normal noise, the same on every machine.
+    fn noise(seed: u64, n: usize) -> Vec<f64> {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        (0..n).map(|_| normal_quantile(generator.sample(Open01))).collect()
     }
 
     #[test]
     fn noise_is_a_good_fit_in_ninety_nine_of_a_hundred() {
-        let bad =
-            (0..200).filter(|&seed| test(&[noise(seed, 60), noise(seed + 300, 60)], 3).is_bad()).count();
-        assert!(bad <= 5, "{bad}");
+        let of = |seed: u64| test(&[noise(seed, 60), noise(seed + 2000, 60)], 0);
+        let below = |p: f64| (0..1000).filter(|&seed| of(seed).probability < p).count();
+        // As often as its probability says: three tests of the same readings together are alike, so rather less.
+        assert!((60..=115).contains(&below(0.1)), "{}", below(0.1));
+        assert!((3..=16).contains(&below(0.01)), "{}", below(0.01));
     }
 
     #[test]
@@ -137,7 +144,7 @@ mod tests {
             let wave = |t: usize| (std::f64::consts::TAU * t as f64 / turn).sin();
             let left: Vec<f64> = (0..90).zip(noise(5, 90)).map(|(t, e)| 1.2 * wave(t) + 0.5 * e).collect();
             let fit = test(&[left], 3);
-            assert!(fit.is_bad() && fit.alternation < Some(-0.4), "{turn}: {fit:?}");
+            assert!(fit.is_bad() && fit.alternation < Some(-0.3), "{turn}: {fit:?}");
         }
         let slow = (0..90).map(|t| (std::f64::consts::TAU * f64::from(t) / 8.0).sin()).collect();
         let fit = test(&[slow], 3);

@@ -2,26 +2,35 @@
 
 use std::ops::Range;
 
+use crate::alignment::{Branch, branches};
 use crate::observations::range;
 
 /// Control values of a measurement in the order in which they were imposed.
 #[derive(Clone, Debug)]
 pub struct Path {
     control: Vec<f64>,
+    /// The same without jitter: along a branch it goes one way, or stands still.
+    steady: Vec<f64>,
     /// Way travelled along the control, as a share of the whole, from 0 to 1.
     travelled: Vec<f64>,
-    /// First step of the branch of each step, and one past its last. Neighbours share their turning
-    /// point.
-    branch: Vec<(usize, usize)>,
+    branches: Vec<Branch>,
 }
 
 impl Path {
-    /// The path of control values, shape (steps,).
+    /// The path of control values, shape (steps,), cut where a run is, too, when it is brought onto their steps.
     pub fn new(control: &[f64]) -> Self {
         let steps = control.len();
+        let branches = branches(control);
+        let mut steady = control.to_vec();
+        for branch in &branches {
+            for t in branch.from + 1..=branch.to {
+                let before = steady[t - 1];
+                steady[t] = if branch.rises { steady[t].max(before) } else { steady[t].min(before) };
+            }
+        }
         let way: Vec<f64> = (0..steps)
             .scan(0.0, |sum, t| {
-                *sum += if t == 0 { 0.0 } else { (control[t] - control[t - 1]).abs() };
+                *sum += if t == 0 { 0.0 } else { (steady[t] - steady[t - 1]).abs() };
                 Some(*sum)
             })
             .collect();
@@ -29,19 +38,7 @@ impl Path {
         let travelled = (0..steps)
             .map(|t| if whole > 0.0 { way[t] / whole } else { t as f64 / (steps.max(2) - 1) as f64 })
             .collect();
-        let mut branch = Vec::with_capacity(steps);
-        let mut start = 0;
-        while start + 1 < steps {
-            let direction = control[start + 1] - control[start];
-            let mut end = start + 1;
-            while end + 1 < steps && (control[end + 1] - control[end]) * direction > 0.0 {
-                end += 1;
-            }
-            branch.resize(end + 1, (start, end + 1));
-            start = end;
-        }
-        branch.resize(steps, (0, steps));
-        Self { control: control.to_vec(), travelled, branch }
+        Self { control: control.to_vec(), steady, travelled, branches }
     }
 
     /// Control values, shape (steps,).
@@ -49,12 +46,21 @@ impl Path {
         &self.control
     }
 
+    /// Control values without jitter, shape (steps,): along a branch they go one way, or stand still.
+    pub fn steady(&self) -> &[f64] {
+        &self.steady
+    }
+
     /// Steps at which the control turns, ascending.
     pub fn turns(&self) -> Vec<usize> {
-        let mut ends: Vec<usize> =
-            self.branch.iter().map(|(start, _)| *start).filter(|&start| start > 0).collect();
-        ends.dedup();
-        ends
+        self.branches.iter().skip(1).map(|branch| branch.from).collect()
+    }
+
+    /// Whether the control rises from the step before to each step, shape (steps,); at the first one, to the next.
+    pub fn rises(&self) -> Vec<bool> {
+        let of =
+            |t: usize| self.branches.iter().find(|branch| t <= branch.to).is_none_or(|branch| branch.rises);
+        (0..self.control.len()).map(of).collect()
     }
 
     /// Largest minus smallest control value.
@@ -77,28 +83,27 @@ impl Path {
     /// A curve as it was a way `lag` earlier, in units of the control, across turning points, at which it may have kinks. What
     /// was there before the test began is what it began with.
     pub fn delayed(&self, curve: &[f64], lag: f64) -> Vec<f64> {
-        let whole: f64 = self.control.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+        let whole: f64 = self.steady.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
         let share = if whole > 0.0 { lag / whole } else { 0.0 };
         let branches = self.branches();
-        let seen = |&at: &f64| {
-            let then = (at - share).max(0.0);
+        let seen = |then: f64| {
             let is_before = |branch: &&Range<usize>| self.travelled[branch.end - 1] >= then;
             let of = branches.iter().find(is_before).cloned().unwrap_or(0..curve.len());
             interpolate(&self.travelled[of.clone()], &curve[of], then)
         };
-        self.travelled.iter().map(seen).collect()
+        let at = |(now, y): (&f64, &f64)| seen((now - share).max(0.0)) + y - seen(*now);
+        self.travelled.iter().zip(curve).map(at).collect()
     }
 
     /// The branches in their order: the last step of one, where the control turns, is the first one of the next.
     pub fn branches(&self) -> Vec<Range<usize>> {
-        let mut branches: Vec<Range<usize>> = self.branch.iter().map(|&(start, end)| start..end).collect();
-        branches.dedup();
-        branches
+        self.branches.iter().map(|branch| branch.from..branch.to + 1).collect()
     }
 
-    /// A curve, shape (steps,), at a control value on a branch.
+    /// A curve, shape (steps,), at a control value on a branch; where the control stands still, or goes back by as little as
+    /// jitter, what it has at the last step there.
     pub fn on(&self, branch: &Range<usize>, curve: &[f64], at: f64) -> f64 {
-        interpolate(&self.control[branch.clone()], &curve[branch.clone()], at)
+        interpolate(&self.steady[branch.clone()], &curve[branch.clone()], at)
     }
 }
 
@@ -118,7 +123,7 @@ impl Path {
             };
         }
         let next = (steps.start + 1).min(values.len() - 1);
-        let way = if values[next] >= values[next - 1] { "rising" } else { "falling" };
+        let way = if self.rises()[next] { "rising" } else { "falling" };
         let inside: Vec<usize> =
             turns.into_iter().filter(|&t| steps.start < t && t + 1 < steps.end).collect();
         match inside.as_slice() {
@@ -155,7 +160,7 @@ fn rounded(value: f64, digits: usize) -> String {
 }
 
 /// Cubic through four neighbours (Hermite, slopes from finite differences), a straight line beyond
-/// the ends. `x` rises or falls throughout.
+/// the ends. `x` goes one way, or stands still.
 fn interpolate(x: &[f64], y: &[f64], at: f64) -> f64 {
     let n = x.len();
     if n < 2 {
@@ -210,6 +215,24 @@ mod tests {
         for (t, value) in late.iter().enumerate() {
             assert!((value - (t as f64 - 0.5).max(0.0)).abs() < 1e-12, "{late:?}");
         }
+    }
+
+    #[test]
+    fn jitter_and_a_control_that_stands_still_are_no_turns() {
+        let control = [0.0, 1.0, 0.9995, 2.0, 2.0, 2.0, 1.0, 1.0004, 0.0];
+        let path = Path::new(&control);
+        assert_eq!(path.branches(), [0..4, 3..9]);
+        assert_eq!(path.turns(), [3]);
+        assert_eq!(path.rises(), [true, true, true, true, false, false, false, false, false]);
+        assert_eq!(path.steady(), [0.0, 1.0, 1.0, 2.0, 2.0, 2.0, 1.0, 1.0, 0.0]);
+        assert_eq!(path.control(), control);
+        assert_eq!(path.travelled()[4], 0.5);
+        let curve: Vec<f64> = control.iter().map(|u| 3.0 * u).collect();
+        assert!(
+            (0..9).all(|t| path.on(&path.branches()[usize::from(t > 3)], &curve, 0.3 * t as f64).is_finite())
+        );
+        assert!(path.delayed(&curve, 0.2).iter().all(|y| y.is_finite()));
+        assert_eq!(path.told("u", None, &(1..4)), "with u rising from 1 to 2");
     }
 
     #[test]

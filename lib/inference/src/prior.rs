@@ -324,11 +324,11 @@ impl Prior {
 }
 
 fn check_effect_name(name: &str) -> Result<(), String> {
-    if matches!(name, "none" | "unexplained" | "switch" | "pairs")
+    if matches!(name, "none" | "unexplained" | "switch" | "pairs" | "rig")
         || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c))
     {
         return Err(format!(
-            "{name:?} is no effect name; use letters, digits, `_`, `-` and `.`, and not none, pairs, switch or unexplained"
+            "{name:?} is no effect name; use letters, digits, `_`, `-` and `.`, and not none, pairs, rig, switch or unexplained"
         ));
     }
     Ok(())

@@ -99,7 +99,7 @@ impl Kind {
 /// it came, and one that yields unloads from its turn, with its own stiffness and the rig's. What an observable differs by there
 /// it keeps along the branch.
 fn give_way(compliance: f64, load: usize, path: &Path, curve: &mut [f64]) {
-    let control = path.control();
+    let control = path.steady();
     let steps = control.len();
     let stiff = curve.to_vec();
     let mut place = control.first().copied().unwrap_or(0.0);
@@ -114,10 +114,13 @@ fn give_way(compliance: f64, load: usize, path: &Path, curve: &mut [f64]) {
         place = begin;
         for step in turn + 1..branch.end {
             let way = begin + control[step] - control[turn];
-            let left = |at: f64| at - way + compliance * (on(load, at) + apart[load] - turned[load]);
+            // What happens while the control stands still.
+            let still = |j: usize| stiff[j * steps + step] - on(j, control[step]);
+            let bears = |at: f64| on(load, at) + still(load) + apart[load];
+            let left = |at: f64| at - way + compliance * (bears(at) - turned[load]);
             place = root(left, place + control[step] - control[step - 1], path.range());
             for (j, apart) in apart.iter().enumerate() {
-                curve[j * steps + step] = on(j, place) + apart;
+                curve[j * steps + step] = on(j, place) + still(j) + apart;
             }
         }
     }
@@ -329,6 +332,31 @@ mod tests {
             let mut curve: Vec<f64> = (0..20).map(|t| 100.0 * (-0.5 * f64::from(t)).exp()).collect();
             Kind::Compliance.apply(compliance, 0, &path, &mut curve);
             assert!(curve.iter().all(|y| y.abs() <= 150.0), "{compliance}: {curve:?}");
+        }
+    }
+
+    #[test]
+    fn a_control_that_jitters_or_stands_still_turns_nothing() {
+        // Out to 1 and back, with a load that relaxes where the control stands still at 0.5.
+        let control = |t: i32| 0.01 * f64::from((100 - (t - 100).abs()).min(if t < 70 { 50 } else { 100 }));
+        let ways: Vec<f64> = (0..=150).map(control).collect();
+        let shaken: Vec<f64> =
+            ways.iter().enumerate().map(|(t, x)| x + if t % 3 == 1 { -2e-4 } else { 2e-4 }).collect();
+        let load: Vec<f64> =
+            (0..=150).map(|t| 10.0 * control(t).sqrt() - 0.02 * f64::from((t - 50).clamp(0, 20))).collect();
+        let recorded = |kind: Kind, size: f64, control: &[f64]| {
+            let mut curve = load.clone();
+            kind.apply(size, 0, &Path::new(control), &mut curve);
+            curve
+        };
+        for kind in [Kind::Compliance, Kind::Lag] {
+            for control in [&ways, &shaken] {
+                let same = recorded(kind, 0.0, control);
+                assert!(same.iter().zip(&load).all(|(a, b)| (a - b).abs() < 1e-6), "{kind:?}: {same:?}");
+            }
+            let (still, shaken) = (recorded(kind, 0.02, &ways), recorded(kind, 0.02, &shaken));
+            let apart = still.iter().zip(&shaken).map(|(a, b)| (a - b).abs()).skip(5).fold(0.0, f64::max);
+            assert!(apart < 0.05, "{kind:?}: {apart}");
         }
     }
 

@@ -258,7 +258,8 @@ const BLIND: f64 = 0.5;
 const UNLIKELY: f64 = 0.002;
 
 /// What a calibration that stops by `criteria` concludes, a row a conclusion: `stop`, and then what speaks
-/// against trusting it: `single-sample`, `sigma-above-noise`, `bad-fit`, `few-runs`, `blind` and `leans`.
+/// against trusting it: `single-sample`, `unsettled`, `sigma-above-noise`, `bad-fit`, `noise-too-large`, `few-runs`, `blind` and
+/// `leans`.
 /// Nothing where no criterion is met.
 pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
     let mut verdicts = Verdicts::default();
@@ -304,15 +305,25 @@ pub fn verdicts(summary: &Summary, criteria: &[Criterion]) -> Verdicts {
         );
     }
     fit_verdicts(summary, &mut verdicts);
-    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 3.0 && summary.draws.is_none()) {
-        verdicts.add(
-            "few-runs",
-            runs,
-            format!("the posterior rests on {runs:.1} runs: more samples may well change it"),
-        );
-    }
+    few_runs_verdict(summary, &mut verdicts);
     parameter_verdicts(summary, &mut verdicts);
     verdicts
+}
+
+/// What a user should know of weights before trusting them: `few-runs`, and `leans` for each parameter that does.
+pub fn weights_verdicts(summary: &Summary) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    few_runs_verdict(summary, &mut verdicts);
+    leaning_verdicts(&summary.parameters, &mut verdicts);
+    verdicts
+}
+
+fn few_runs_verdict(summary: &Summary, verdicts: &mut Verdicts) {
+    if let Some(runs) = summary.few_runs() {
+        let text =
+            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened");
+        verdicts.add("few-runs", runs, text);
+    }
 }
 
 /// Whether the fit is as good as the noise allows.

@@ -184,6 +184,13 @@ impl Summary {
         self.parameters.iter().find(|parameter| parameter.name == name)
     }
 
+    /// Effective runs, where weights rest on so few of them that the means are rough: fewer than [`enough_runs`].
+    /// Draws rest on all runs, by an emulator.
+    pub fn few_runs(&self) -> Option<f64> {
+        let needed = enough_runs(self.varied().count()) as f64;
+        self.ess_runs.filter(|runs| *runs < needed && self.draws.is_none())
+    }
+
     /// The parameters that were varied; those of an effect that is off stand still.
     pub fn varied(&self) -> impl Iterator<Item = &ParameterSummary> {
         self.parameters.iter().filter(|parameter| parameter.shrinkage.is_some())

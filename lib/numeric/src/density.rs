@@ -134,7 +134,7 @@ mod tests {
         // the kernel widens it to √(0.1² + h²), h = 0.9 · 0.1 · 2000^(−1/5).
         let n = 2000;
         let places: Vec<f64> = (0..n)
-            .map(|i| 0.5 + 0.1 * gl_inference::prior::normal_quantile((f64::from(i) + 0.5) / f64::from(n)))
+            .map(|i| 0.5 + 0.1 * crate::normal::normal_quantile((f64::from(i) + 0.5) / f64::from(n)))
             .collect();
         let density = marginal(&places, &vec![1.0 / f64::from(n); n as usize], 201);
         let width = 0.09 * f64::from(n).powf(-0.2);

@@ -225,7 +225,7 @@ impl Calibration {
             best_error: short(100.0 * of("best_error")?),
             ess_runs: short(ess_runs),
             is_drawn: self.is_drawn,
-            rests_on_few: !self.is_drawn && ess_runs < 2.0 * self.varied().len() as f64 + 4.0,
+            rests_on_few: self.posterior.summary.few_runs().is_some(),
             is_done: self.is_done,
         })
     }

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use gl_case::Winner;
-use gl_case::folders::{self, SHRINK_BETWEEN};
+use gl_case::folders::{self, SHRINK_BETWEEN, SHRINK_UNSEEN};
+use gl_case::shell::quoted;
 use gl_figure::number::{short, significant};
 use gl_gap::attribute::attribution::UNEXPLAINED;
 use gl_gap::attribute::rounds::SHARP;
@@ -20,7 +21,6 @@ use crate::calibration::{Calibration, Standing, side_by_side};
 use crate::case::Case;
 use crate::grid::Grid;
 use crate::pictures::{self, Picture};
-use crate::tools::quoted;
 use crate::verdict::{self, Sentence};
 use crate::{rows, text};
 
@@ -484,11 +484,11 @@ impl Closed {
         let (Some(winner), true) = (winner, table.exists()) else { return Ok(None) };
         let (with, rig) = (winner.names().join(" and "), winner.rig.to_string());
         let Some(after) = after else { return Ok(Some(Self { with, rig, measured: None })) };
-        let unseen = out.join("shrink-unseen.txt");
+        let [unseen, unseen_verdict, _] = SHRINK_UNSEEN.map(|file| out.join(file));
         let unseen = if unseen.exists() {
             Some(Unseen {
                 seen: case.steps.clone(),
-                verdict: verdict::read(&out.join("shrink-unseen-verdict.txt"))?,
+                verdict: verdict::read(&unseen_verdict)?,
                 shrink: Grid::read(&unseen, usize::MAX)?,
             })
         } else {
@@ -616,7 +616,7 @@ fn time(case: &Case, folders: &[PathBuf]) -> Result<Option<String>> {
     };
     Ok(Took::of(folders.iter().flat_map(of))?.map(|took| {
         format!(
-            "{} each (median of {}), {} of processor time in all",
+            "{} each by the clock (median of {}), {} of processor time in all",
             duration(took.median_seconds),
             took.runs,
             duration(took.processor_seconds)

@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use gl_case::Engine;
 use gl_case::folders::{BASE, BASE_WIDER};
+use gl_case::shell::quoted;
 use gl_table::Sink;
 
 /// Write OUT/report.html, and for a diagnosis OUT/report.md; what was written.
@@ -36,7 +37,7 @@ pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) 
     let has_base = out.join(BASE).is_dir();
     let wider = Some(out.join(BASE_WIDER)).filter(|wider| wider.is_dir());
     let base = if has_base { wider.unwrap_or_else(|| out.join(BASE)) } else { out.to_owned() };
-    let of = tools::quoted(&out.display().to_string());
+    let of = quoted(&out.display().to_string());
     ensure!(
         base.join("posterior.txt").exists() || !base.join("iter0").exists(),
         "{}: its calibration has no posterior yet; gl-status {of} says how far it is",
@@ -46,7 +47,7 @@ pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) 
         base.join("posterior.txt").exists(),
         "{}: no calibration there; gl-calibrate {} --out {of} makes one",
         out.display(),
-        tools::quoted(&case.folder.display().to_string()),
+        quoted(&case.folder.display().to_string()),
     );
     let content = content::Content::gather(&case, out, &base)?;
     let mut written = vec![put(&out.join("report.html"), &render::html(&content)?)?];

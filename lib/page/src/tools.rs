@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::rc::Rc;
 
 use anyhow::{Context, Result, ensure};
+use gl_case::shell::quoted;
 
 /// A tool with its arguments.
 #[derive(Clone, Debug)]
@@ -78,16 +79,6 @@ impl std::fmt::Display for Call {
     }
 }
 
-/// A word as a shell reads it.
-pub fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "-_./=,:+%@{}".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,6 +88,5 @@ mod tests {
         let call =
             Call::new("gl-plot").with(["fit"]).file("-b", Path::new("a b/obs.txt")).option("--noise", "");
         assert_eq!(call.to_string(), "gl-plot fit -b 'a b/obs.txt'");
-        assert_eq!(quoted("it's"), r"'it'\''s'");
     }
 }

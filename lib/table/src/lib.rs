@@ -25,8 +25,8 @@ pub use read::{Format, LARGEST, Rows, open, parse_number, read_bytes};
 pub use runs::{Flaw, PieceRows, RunTable};
 pub use whole::Table;
 pub use write::{
-    Sink, TableWriter, appears_whole, number, optional_number, print, push_number, rounded, text, write_rows,
-    yes_no,
+    Sink, TableWriter, appears_whole, number, optional_number, print, push_number, remove, rounded, text,
+    write_rows, write_whole, yes_no,
 };
 
 pub use anyhow::{Error, Result};

@@ -34,6 +34,7 @@ const DOUBTS: &[&str] = &[
     // of gl-posterior
     "emulator-unfit",
     "emulator-ignorant",
+    "noise-alternates",
     "noise-correlated",
     "noise-too-small",
     "noise-too-large",

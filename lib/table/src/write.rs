@@ -273,6 +273,29 @@ impl Drop for Sink {
     }
 }
 
+/// Write a file that appears whole or not at all.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut sink = Sink::create(Some(path))?;
+    sink.write_all(bytes).with_context(|| format!("{}: cannot be written", path.display()))?;
+    sink.finish()
+}
+
+/// Remove a file that need not be there.
+///
+/// # Errors
+/// If it is there and stays.
+pub fn remove(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be removed", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes a table row by row: tab-separated, a bare header, a newline after the last row.
 #[derive(Debug)]
 pub struct TableWriter {

@@ -615,7 +615,10 @@ fn a_diagnosis_goes_on_where_it_was() {
     let folder = Folder::default();
     copy_case(&folder, "contact-effects", &SMALL_DIAGNOSIS);
     let diagnose = || finish(driver(&folder, "gl-diagnose").args(["case", "--out", "made"]));
+    // As from a call by which some steps were not calibrated on.
+    folder.write("made/shrink-unseen.txt", "stale\n");
     diagnose();
+    assert!(!folder.path("made/shrink-unseen.txt").exists());
     let (first, before) = (folder.read("made/attribution.txt"), times(&folder, "made"));
     let (pages, said) = diagnose();
     assert_eq!(pages, "made/report.html\nmade/report.md\n");

@@ -95,6 +95,24 @@ fn a_sample_that_failed_in_one_test_is_left_out_with_that_test_named_or_counted_
 }
 
 #[test]
+fn a_test_counts_by_its_readings_where_the_noise_is_unknown_too() {
+    let folder = Folder::default();
+    folder.write("samples.txt", "description\ta\na\t1\nb\t2\nc\t3\n");
+    // Three readings a step, and one.
+    let table = |runs: &[&str], readings: &str| {
+        let rows = |run: &&str| {
+            (0..4).map(|step| format!("{run}\t{step}\t0.5\t0.1\t{readings}\n")).collect::<String>()
+        };
+        format!("sample\tstep\tmisfit\terror\treadings\n{}", runs.iter().map(rows).collect::<String>())
+    };
+    folder.write("one.txt", table(&["a", "b", "c"], "3"));
+    folder.write("two.txt", table(&["a", "b"], "1"));
+    folder.run("gl-filter -s samples.txt --sigma 1 --failed-as-others one.txt two.txt -o weights.txt");
+    let misfit = folder.column("weights.txt", "misfit");
+    assert!((misfit[2] - 2.0 * 16.0 / 12.0).abs() < 1e-12, "{misfit:?}");
+}
+
+#[test]
 fn a_noise_that_is_known_in_one_test_alone_is_refused() {
     let folder = two_tests(12);
     misfits(&folder);

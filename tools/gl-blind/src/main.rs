@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, Error, Result, bail, ensure};
-use clap::{Parser, Subcommand};
+use anyhow::{Context, Error, Result, bail};
+use clap::{Parser, Subcommand, value_parser};
 use gl_gap::attribute::winner::MostProbable;
-use gl_gap::blind::{Measurement, effects_of, hidden, strengths, truth};
+use gl_gap::blind::{Measurement, SEEDS, effects_of, hidden, strengths, truth};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::ByName;
 use gl_inference::prior::Prior;
@@ -32,7 +32,7 @@ enum Step {
         #[arg(short, long, value_name = "FILE")]
         params: PathBuf,
         /// Seed of the draw
-        #[arg(long, default_value_t = 0)]
+        #[arg(long, default_value_t = 0, value_parser = value_parser!(u32).range(..i64::from(SEEDS)))]
         seed: u32,
         /// So many specimens, alike but for their packing, with a column `seed`
         #[arg(long, value_name = "N", value_parser = gl_cli::count)]
@@ -53,7 +53,7 @@ enum Step {
         #[arg(long, value_name = "SD")]
         noise: Option<ByName>,
         /// Seed of the noise, above 0
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = value_parser!(u32).range(1..i64::from(SEEDS)))]
         seed: u32,
         /// Let what specimens differ by be the noise of a reading: columns NAME_sd
         #[arg(long)]
@@ -128,7 +128,6 @@ fn run(args: &Args) -> Result<bool> {
             draw(params, *seed, *specimens)?.write(output.as_deref(), None)?;
         }
         Step::Measure { control, observables, noise, seed, scatter, ensemble, output } => {
-            ensure!(*seed > 0, "--seed 0: give one above 0");
             let runs = Ensemble::read(ensemble, control, observables)?;
             let noise = noise.clone().unwrap_or_default();
             noise.check_names(observables, "--noise")?;

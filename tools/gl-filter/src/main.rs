@@ -16,10 +16,9 @@ use gl_inference::misfit::{Incomplete, Misfits, Partial};
 use gl_inference::prior::{Parameter, Prior, Scale};
 use gl_inference::proposal::{Proposal, ln_balance_heuristic};
 use gl_inference::samples::Samples;
-use gl_inference::stop::leaning_verdicts;
+use gl_inference::stop::weights_verdicts;
 use gl_inference::summary::{Range, Summary, Weighed};
 use gl_inference::weights::Weights;
-use gl_table::verdict::Verdicts;
 
 use course::Course;
 
@@ -165,7 +164,9 @@ fn run(args: &Args) -> Result<()> {
         parameters: &samples.parameters,
         values: &values,
     };
-    conclude("gl-filter", &verdicts(&summary), args.verdict.as_deref(), || write(args, &course, &summary))
+    conclude("gl-filter", &weights_verdicts(&summary), args.verdict.as_deref(), || {
+        write(args, &course, &summary)
+    })
 }
 
 /// See to it that what has no misfit has failed, where it is known what has.
@@ -278,20 +279,6 @@ fn ranges(prior: Option<&Prior>, samples: &Samples) -> (Vec<Range>, Option<Vec<f
     };
     let prior_sd = samples.parameters.iter().map(|name| known(name).map(Parameter::sd)).collect();
     (samples.parameters.iter().enumerate().map(of).collect(), prior_sd)
-}
-
-/// What a user should know before trusting the numbers: `few-runs`, and `leans` for each parameter that does.
-fn verdicts(summary: &Summary) -> Verdicts {
-    let mut verdicts = Verdicts::default();
-    if let Some(runs) = summary.ess_runs.filter(|runs| *runs < 5.0) {
-        verdicts.add(
-            "few-runs",
-            runs,
-            format!("the weight rests on {runs:.1} runs; take the means as rough, the intervals are widened"),
-        );
-    }
-    leaning_verdicts(&summary.parameters, &mut verdicts);
-    verdicts
 }
 
 fn main() -> ExitCode {

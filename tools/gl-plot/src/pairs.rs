@@ -236,12 +236,17 @@ impl Data {
             // A sharp proposal may leave the panel, but must not press the posterior flat.
             own.max(highest_of(&self.searched[j]).min(1.5 * own))
         };
-        let room = Matrix::heading_width(self.names.len(), figure_width);
+        let headings = |room: f64| -> Vec<String> {
+            self.estimates.iter().map(|estimate| estimate.heading(room)).collect()
+        };
+        let widest = headings(Matrix::heading_width(self.names.len(), figure_width));
+        // With their intervals all of them or none.
+        let is_alike = widest.iter().all(|heading| heading.contains('–'));
         Matrix {
             spans: self.spans.clone(),
             labels: self.labels.clone(),
             highest: (0..self.names.len()).map(highest).collect(),
-            headings: self.estimates.iter().map(|estimate| estimate.heading(room)).collect(),
+            headings: if is_alike { widest } else { headings(0.0) },
         }
     }
 

@@ -10,7 +10,7 @@ use gl_table::verdict::Verdicts;
 use super::iteration::Iteration;
 use crate::calibrate::RUNS_WEIGHTS;
 use crate::columns::{all_tests, of_test, runs_of_iteration, varied, weighed_runs};
-use crate::step::{Call, Messages, copy, is_current, write};
+use crate::step::{Call, Messages, copy, is_current};
 
 /// Why an iteration and those after it are read from the weights of the runs, where they are.
 const FALLBACK: &str = "fallback.txt";
@@ -138,7 +138,7 @@ impl Iteration<'_> {
         for file in [RUNS_WEIGHTS, "posterior-runs.txt", "posterior-weights.txt", CURVES, "loo.txt"] {
             let _ = std::fs::remove_file(self.file(file));
         }
-        write(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;
+        gl_table::write_whole(&self.file(FALLBACK), format!("{why}\n").as_bytes())?;
         Ok(false)
     }
 
@@ -148,7 +148,7 @@ impl Iteration<'_> {
         if is_current(&samples, &[&previous.join("stop.code"), &next])? {
             return Ok(());
         }
-        write(&samples, &std::fs::read(&next)?)
+        gl_table::write_whole(&samples, &std::fs::read(&next)?)
     }
 
     /// Batches that an emulator asked for were drawn from no density; weights take that of a mixture about the draws

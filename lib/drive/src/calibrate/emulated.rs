@@ -12,7 +12,7 @@ use gl_inference::weights::Weights;
 
 use super::iteration::Setting;
 use crate::columns::{comparison, varied_in};
-use crate::step::{Call, Messages, Wanted, is_current, join, make_folder, write};
+use crate::step::{Call, Messages, Wanted, is_current, join, make_folder};
 use crate::words::known;
 
 /// Rounds at the most; each is drawn where the rounds before say.
@@ -33,14 +33,14 @@ pub(crate) fn weights(setting: &Setting<'_>, last: usize) -> Result<PathBuf> {
     remove(&part)?;
     make_folder(&part)?;
     let log = here.join("emulated.log");
-    remove_file(&log)?;
+    gl_table::remove(&log)?;
     let emulation = Emulation { setting, here: &here, part: &part, log: &log, last };
     let (chosen, why) = emulation.run()?;
     note(&log, &why)?;
     let weights = fs::read(&chosen).with_context(|| format!("{}: cannot be read", chosen.display()))?;
     // The weights come last, so that nothing is left behind them.
     remove(&part)?;
-    write(&target, &weights)?;
+    gl_table::write_whole(&target, &weights)?;
     Ok(target)
 }
 
@@ -207,15 +207,6 @@ fn remove(folder: &Path) -> Result<()> {
     match fs::remove_dir_all(folder) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             Err(error).with_context(|| format!("{}: cannot be removed", folder.display()))
-        }
-        _ => Ok(()),
-    }
-}
-
-fn remove_file(file: &Path) -> Result<()> {
-    match fs::remove_file(file) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("{}: cannot be removed", file.display()))
         }
         _ => Ok(()),
     }

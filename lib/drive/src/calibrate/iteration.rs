@@ -14,7 +14,7 @@ use gl_inference::times::TIMES;
 
 use super::emulated;
 use crate::columns::{comparison, list, of_test, simulated, varied_in, within};
-use crate::step::{Call, Messages, Runner, is_current, make_folder, show, write};
+use crate::step::{Call, Messages, Runner, is_current, make_folder, show};
 
 /// What all iterations of a calibration have in common.
 pub(crate) struct Setting<'a> {
@@ -306,7 +306,7 @@ impl<'a> Iteration<'a> {
             .flag("-o", self.file("stop.txt"))
             .arg(self.file("summary.txt"));
         let answer = self.setting.runner.call(&call, Messages::Kept(&self.file("stop.log")))?;
-        write(&code, format!("{answer}\n").as_bytes())?;
+        gl_table::write_whole(&code, format!("{answer}\n").as_bytes())?;
         Ok(answer == 0)
     }
 

@@ -62,7 +62,7 @@ impl Choice<'_> {
             candidates.extend(large.iter().cloned());
         }
         let mut ledger = Ledger::new(self, &candidates, &references);
-        let chances: Vec<f64> =
+        let mut chances: Vec<f64> =
             candidates.iter().map(|point| chance(point, self.runs, self.failed)).collect();
         let mut chosen: Vec<Vec<f64>> = Vec::with_capacity(count);
         let phase = seed as usize % AT_LARGE;
@@ -79,6 +79,8 @@ impl Choice<'_> {
             }
             let best = ledger.best(&chances);
             ledger.take(best);
+            // Of equal parameters some simulators give the equal run.
+            chances[best] = 0.0;
             chosen.push(candidates[best].clone());
         }
         Ok(chosen)

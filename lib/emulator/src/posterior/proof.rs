@@ -77,7 +77,7 @@ pub fn prove(
     let places = samples.index();
     let near = ranked.curves().take(ranked.near());
     let reach = near.map(|(_, curve)| measured.misfit(&curve)).fold(reach, f64::max);
-    let (mut runs, mut squares) = (0, Vec::new());
+    let (mut runs, mut errors) = (0, Vec::new());
     let (mut total, mut degrees) = (0.0, 0.0);
     for (name, curve) in ranked.curves().filter(|(name, _)| newest.contains(name)) {
         let Some(&place) = places.get(name) else { continue };
@@ -91,13 +91,13 @@ pub fn prove(
         total += square;
         degrees += components;
         runs += 1;
-        squares.extend(Some(error).filter(|_| is_near));
+        errors.extend(Some(error).filter(|_| is_near));
     }
     if runs == 0 || degrees < 1.0 {
         return Ok(None);
     }
-    squares.sort_by(f64::total_cmp);
-    let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
+    errors.sort_by(f64::total_cmp);
+    let median = errors.get(errors.len() / 2).copied().unwrap_or(0.0);
     let p = ChiSquared::new(degrees).map_or(1.0, |law| law.sf(total));
     let scatter = size_of_scatter(before, measured);
     Ok(Some(Proof { runs, z: (total / degrees).sqrt(), p, error: median, scatter }))

@@ -46,7 +46,7 @@ pub fn next_runs(
     seed: u64,
 ) -> Result<Vec<Vec<f64>>> {
     let mut runs = Vec::with_capacity(count);
-    for (place, share) in shares(problem, explanations, untried, count).into_iter().enumerate() {
+    for (place, share) in shares(explanations, untried, count).into_iter().enumerate() {
         if share > 0 {
             let of = &explanations[place];
             let untried = untried.iter().find(|untried| untried.place == place);
@@ -59,17 +59,15 @@ pub fn next_runs(
 }
 
 /// How many runs each explanation gets.
-fn shares(
-    problem: &Problem<'_>,
-    explanations: &[Explanation],
-    untried: &[Untried],
-    count: usize,
-) -> Vec<usize> {
+fn shares(explanations: &[Explanation], untried: &[Untried], count: usize) -> Vec<usize> {
+    let is_visible = |of: &&Explanation| of.ruled_out != Some(RuledOut::Invisible);
+    let singles = explanations.iter().filter(|of| of.hypothesis.len() == 1 && !of.has_rest);
+    let visible = singles.filter(is_visible).count();
     let ln_odds: Vec<f64> = explanations
         .iter()
         .map(|of| match of.ruled_out {
             Some(RuledOut::Invisible) => f64::NEG_INFINITY,
-            _ => of.evidence.ln + ln_prior_odds(&of.hypothesis, of.has_rest, problem.candidates.len()),
+            _ => of.evidence.ln + ln_prior_odds(&of.hypothesis, of.has_rest, visible),
         })
         .collect();
     let Some(first) = (0..ln_odds.len()).max_by(|&a, &b| ln_odds[a].total_cmp(&ln_odds[b])) else {
@@ -178,7 +176,7 @@ mod tests {
         let observations = Straight::observations(Straight::curve(1.3, 0.6, 0.8));
         let problem = predictor.problem(&prior, &observations);
         let explanations = attribute(&problem, 1, 1).unwrap().explanations;
-        let shares = shares(&problem, &explanations, &[], 60);
+        let shares = shares(&explanations, &[], 60);
         let of = |name: &str| shares[explanations.iter().position(|of| of.name == name).unwrap()];
         assert_eq!(explanations[0].name, "wave");
         assert!(explanations.iter().filter(|of| of.hypothesis.is_empty()).all(|of| of.probability < 1e-3));

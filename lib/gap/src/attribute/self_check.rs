@@ -134,19 +134,19 @@ pub fn self_check(
 pub fn summary(checked: &[Checked]) -> Vec<String> {
     let right = |of: &[&Checked]| of.iter().filter(|check| check.first == check.truth).count();
     let all: Vec<&Checked> = checked.iter().collect();
-    let confident: Vec<&Checked> = checked
+    let confidently_wrong: Vec<&Checked> = checked
         .iter()
         .filter(|check| {
             check.first != check.truth
                 && check.probability > 0.9
-                && !matches!(check.first.as_str(), "none" | "unexplained")
+                && !matches!(check.first.as_str(), "none" | UNEXPLAINED)
         })
         .collect();
     let mut lines = vec![format!(
         "self-check: in {} of {} runs what was in them came first; in {} something else did with probability above 0.9",
         right(&all),
         all.len(),
-        confident.len()
+        confidently_wrong.len()
     )];
     let mut truths: Vec<&str> = checked.iter().map(|check| check.truth.as_str()).collect();
     truths.sort_unstable();

@@ -218,10 +218,12 @@ impl Misfits {
         Ok((all, incomplete))
     }
 
-    /// How many readings a run of this test has: the misfit that its noise alone makes, else its steps.
+    /// How many readings a run of this test has: the misfit that its noise alone makes, else those that tell the noise, else
+    /// its steps.
     fn size(&self) -> f64 {
-        let expected = self.expected.iter().sum::<f64>() / self.len().max(1) as f64;
-        if expected > 0.0 { expected } else { self.steps.len() as f64 }
+        let mean = |of: &[f64]| of.iter().sum::<f64>() / self.len().max(1) as f64;
+        let sizes = [mean(&self.expected), mean(&self.readings), self.steps.len() as f64];
+        sizes.into_iter().find(|size| *size > 0.0).unwrap_or(0.0)
     }
 
     fn read_one(&mut self, path: &Path, seen: &mut HashSet<String>) -> Result<()> {

@@ -189,7 +189,7 @@ struct Shape {
 fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> {
     let test = problem.test_of(observable);
     let (steps, path) = (test.steps(), &test.path);
-    let control = path.control();
+    let control = path.steady();
     let last = steps.saturating_sub(1);
     let travelled = path.travelled();
     let turns = path.turns();
@@ -214,7 +214,8 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     add(way, "a drift of the sensor or creep", travelled.to_vec());
     if !turns.is_empty() {
         // The reading at a turn may still be of the branch that ends there.
-        let before = |t: usize| if control[t.max(1)] >= control[t.max(1) - 1] { 1.0 } else { -1.0 };
+        let rises = path.rises();
+        let before = |t: usize| if rises[t] { 1.0 } else { -1.0 };
         let after = |t: usize| before((t + 1).min(last));
         for branch in [(0..steps).map(before).collect(), (0..steps).map(after).collect()] {
             add(BRANCH, "plasticity of contacts, or friction of walls or piston", branch);

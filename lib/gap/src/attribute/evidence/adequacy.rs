@@ -6,6 +6,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::attribute::evidence::mode::Mode;
 use crate::attribute::evidence::model::Model;
+use gl_inference::fit::smallest_of;
 use gl_numeric::quadratic::exceedance;
 
 /// Below this predictive probability a hypothesis does not fit.
@@ -73,5 +74,5 @@ pub fn predictive_probability(model: &Model<'_>, mode: &Mode) -> Result<f64> {
         first += patterns;
     }
     let smallest = probabilities.iter().copied().fold(1.0, f64::min);
-    Ok(1.0 - (1.0 - smallest).powi(probabilities.len() as i32))
+    Ok(smallest_of(probabilities.len(), smallest))
 }

@@ -432,7 +432,8 @@ impl Mode {
 
     /// ln evidence as if the posterior were normal about this mode (Laplace).
     pub fn ln_evidence(&self) -> f64 {
-        let ln_det = self.covariance.determinant().max(1e-300).ln();
+        let factor = Cholesky::new(self.covariance.clone());
+        let ln_det = factor.map_or(f64::NEG_INFINITY, |factor| factor.ln_determinant());
         self.ln_posterior + 0.5 * (ln_det + self.w.len() as f64 * std::f64::consts::TAU.ln())
     }
 }

@@ -77,7 +77,7 @@ const FURTHER_BESIDE_A_REST: f64 = 4.0;
 /// Natural logarithm of the prior odds of a hypothesis, with a rest or without, against `none`.
 ///
 /// Who asks has seen a gap: that one of the candidates is at work is twice as likely beforehand as that none
-/// is, each as likely as the others, and with a rest as likely as without.
+/// is, each as likely as the others, and with a rest as likely as without. A lone candidate is as likely as each of two.
 pub fn ln_prior_odds(hypothesis: &[usize], has_rest: bool, candidates: usize) -> f64 {
     let count = candidates.max(2) as f64;
     match (hypothesis.len(), has_rest) {
