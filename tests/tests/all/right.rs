@@ -176,7 +176,7 @@ fn the_time_of_each_run_is_kept_and_told() {
         folder.run(&format!("gl-report case -o {out}"));
         let page = folder.read(&format!("{out}/report.html"));
         assert!(
-            page.contains("12 runs: calibration; ") && page.contains(" each (median of 12), "),
+            page.contains("12 runs: calibration; ") && page.contains(" each by the clock (median of 12), "),
             "{packed}"
         );
     }

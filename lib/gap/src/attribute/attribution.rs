@@ -149,9 +149,12 @@ impl Explanation {
         self.evidence.ln >= other.evidence.ln
     }
 
-    /// The same of one that closes nearly all of the gap, where the measurement is nearly as likely.
+    /// The same of one that closes nearly all of the gap, where the measurement is nearly as likely. A rest that jumps where
+    /// this one does not may have the very form that the effect has nearly.
     pub fn is_nearly_as_likely_as(&self, other: &Self) -> bool {
-        self.closes >= NEARLY_ALL && self.evidence.ln >= other.evidence.ln - NEARLY_AS_LIKELY
+        let jumps = other.singular.jumps.len().saturating_sub(self.singular.jumps.len());
+        let less = NEARLY_AS_LIKELY * (1 + jumps) as f64;
+        self.closes >= NEARLY_ALL && self.evidence.ln >= other.evidence.ln - less
     }
 
     /// Whether it fits with the noise that was stated.

@@ -54,26 +54,43 @@ pub fn base_misfit(problem: &Problem<'_>, diagnosis: &Diagnosis) -> Option<Fit> 
     /// What an emulator does not know is smooth: of less than this nothing is seen.
     const UNSEEN: f64 = 0.3;
     let base = diagnosis.attribution.base();
-    let stated = vec![1.0; problem.ranges.len()];
-    let scales =
-        if problem.is_noise_stated { stated } else { base.model(problem).nuisances(base.best()).scales };
+    let scales = scales(problem, base);
     let noise = |j: usize| problem.noise_variance(j, scales[j]).sqrt();
     let is_noise_alone = (0..problem.ranges.len()).all(|j| problem.spread(j, &scales) < MORE * noise(j));
-    let left = |j: usize| -> Vec<f64> {
-        let of = |i: usize| {
-            // One that is far off says nothing of the others.
-            if base.singular.outliers.contains(&i) {
-                0.0
-            } else {
-                (problem.observed[i] - base.evidence.mean[i]) / (scales[j] * problem.units[i])
-            }
-        };
-        problem.own(j).map(of).collect()
-    };
-    let left: Vec<Vec<f64>> = (0..problem.ranges.len()).map(left).collect();
-    let fit = test(&left, problem.prior.base().len());
+    let fit = left(problem, base, &scales);
     let is_all_noise = is_noise_alone && ignorance(problem, base) <= UNSEEN;
     Some(fit).filter(|fit| fit.alternation.is_some() || is_all_noise && fit.is_bad())
+}
+
+/// The correlation of neighbours, or of every second reading, in what an explanation leaves, where that alternates.
+pub fn alternation_left(problem: &Problem<'_>, of: &Explanation) -> Option<f64> {
+    left(problem, of, &scales(problem, of)).alternation
+}
+
+/// The noise of each observable as it was stated, over what was stated, or as an explanation takes it.
+fn scales(problem: &Problem<'_>, of: &Explanation) -> Vec<f64> {
+    if problem.is_noise_stated {
+        vec![1.0; problem.ranges.len()]
+    } else {
+        of.model(problem).nuisances(of.best()).scales
+    }
+}
+
+/// The test of what an explanation leaves, in units of such a noise.
+fn left(problem: &Problem<'_>, of: &Explanation, scales: &[f64]) -> Fit {
+    let left = |j: usize| -> Vec<f64> {
+        let left = |i: usize| {
+            // One that is far off says nothing of the others.
+            if of.singular.outliers.contains(&i) {
+                0.0
+            } else {
+                (problem.observed[i] - of.evidence.mean[i]) / (scales[j] * problem.units[i])
+            }
+        };
+        problem.own(j).map(left).collect()
+    };
+    let all: Vec<Vec<f64>> = (0..problem.ranges.len()).map(left).collect();
+    test(&all, of.model(problem).curve_parameters())
 }
 
 /// Whether an explanation fits only by a noise that is larger than another one needs.
@@ -117,6 +134,24 @@ mod tests {
             may_close(&diagnosis).is_some()
         };
         assert!(may_close_by(0.6, -1.0) && may_close_by(0.3, 1.0) && !may_close_by(0.3, -1.0));
+    }
+
+    #[test]
+    fn what_alternates_is_seen_beside_an_effect() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let left = |size: f64| {
+            let alternating = |t: usize| if t.is_multiple_of(2) { size } else { -size };
+            let values = Straight::curve(1.3, 0.6, 0.8);
+            let values = values.into_iter().enumerate().map(|(t, y)| y + alternating(t)).collect();
+            let problem = predictor.problem(&prior, &Straight::observations(values));
+            let diagnosis = diagnose(&problem, 1, 1).unwrap();
+            assert_eq!(diagnosis.first().hypothesis, [0]);
+            alternation_left(&problem, diagnosis.first())
+        };
+        assert!(left(0.015) < Some(-0.5) && left(0.015).is_some());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        assert_eq!(alternation_left(&problem, diagnose(&problem, 1, 1).unwrap().first()), None);
     }
 
     #[test]

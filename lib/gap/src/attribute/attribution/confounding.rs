@@ -181,6 +181,7 @@ pub fn difference(problem: &Problem<'_>, one: &Explanation, other: &Explanation)
 mod tests {
     use super::*;
     use crate::attribute::attribution::attribute;
+    use crate::attribute::evidence::Evidence;
     use crate::attribute::synthetic_world::Straight;
 
     #[test]
@@ -209,6 +210,15 @@ mod tests {
         // One that closes nearly all need not be quite as likely.
         assert_eq!(confounded_by(-2.5, 0.85, -9.0, None), [place]);
         assert!(confounded_by(-3.5, 0.85, -9.0, None).is_empty());
+        // Still less where a rest jumps that has to imitate it.
+        let mut jumping = explanations.clone();
+        jumping[0].singular.jumps = vec![3];
+        let with = |of: &Explanation, ahead: f64| {
+            let ln = jumping[0].evidence.ln + ahead;
+            Explanation { closes: 0.85, evidence: Evidence { ln, ..of.evidence.clone() }, ..of.clone() }
+        };
+        assert!(with(&jumping[place], -3.5).is_nearly_as_likely_as(&jumping[0]));
+        assert!(!with(&jumping[place], -6.5).is_nearly_as_likely_as(&jumping[0]));
         assert!(confounded_by(0.5, 0.4, -9.0, None).is_empty());
         assert!(confounded_by(0.5, 0.6, -9.0, Some(RuledOut::Misfit)).is_empty());
     }

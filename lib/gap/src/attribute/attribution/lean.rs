@@ -2,11 +2,13 @@
 
 use anyhow::Result;
 
+use crate::attribute::attribution::marginals::{Marginal, marginals};
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::evidence::descent::{Descent, Reach, Within, descend};
 use crate::attribute::evidence::model::Meaning;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::is_part;
+use gl_inference::prior::Parameter;
 
 /// A parameter that the measurement pulls beyond a bound.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +71,8 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
             found.extend(more.into_iter().filter(|lean| is_first || lean.bound != 0.0));
         }
     }
+    // What a bound cuts off of an effect a rest makes up for, so that the fit within the bounds gains little beyond them.
+    found.extend(cut_off(problem, &explanations[0]));
     let mut leans: Vec<Lean> = Vec::new();
     for lean in found {
         if !leans.iter().any(|other| (&other.parameter, other.is_upper) == (&lean.parameter, lean.is_upper)) {
@@ -76,6 +80,34 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
         }
     }
     Ok(leans)
+}
+
+/// Parameters of effects beside a rest whose posterior leans on a bound.
+fn cut_off(problem: &Problem<'_>, of: &Explanation) -> Vec<Lean> {
+    if !of.has_rest || !of.is_cause() {
+        return Vec::new();
+    }
+    let lean = |marginal: Marginal| {
+        let parameter =
+            problem.prior.parameters().iter().find(|parameter| parameter.name == marginal.name)?;
+        let is_upper = marginal.lean > 0;
+        let is_said =
+            parameter.effect.is_some() && marginal.lean != 0 && !is_towards_off(parameter, is_upper);
+        is_said.then(|| Lean {
+            parameter: marginal.name,
+            bound: if is_upper { parameter.upper } else { parameter.lower },
+            is_upper,
+            by: LEAST,
+            hypothesis: of.name.clone(),
+        })
+    };
+    marginals(problem, of).into_iter().filter_map(lean).collect()
+}
+
+/// Whether an effect is off on this side of its bounds.
+fn is_towards_off(parameter: &Parameter, is_upper: bool) -> bool {
+    let off = parameter.off.map(|off| parameter.coordinate(off));
+    off.is_some_and(|off| if is_upper { off >= 1.0 } else { off <= 0.0 })
 }
 
 /// Whether a hypothesis is of several effects that hold all of another one, which is nothing unknown, and more.
@@ -97,10 +129,8 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
         let Meaning::Parameter(j) = meaning else { return None };
         let parameter = &problem.prior.parameters()[j];
         let (by, is_upper) = if point[j] > 0.5 { (point[j] - 1.0, true) } else { (-point[j], false) };
-        let off = parameter.off.map(|off| parameter.coordinate(off));
-        let is_towards_off = off.is_some_and(|off| if is_upper { off >= 1.0 } else { off <= 0.0 });
         let bound = if is_upper { parameter.upper } else { parameter.lower };
-        (by > LEAST && !is_towards_off).then(|| Lean {
+        (by > LEAST && !is_towards_off(parameter, is_upper)).then(|| Lean {
             parameter: parameter.name.clone(),
             bound,
             is_upper,
@@ -133,6 +163,29 @@ mod tests {
         assert_eq!((found[0].parameter.as_str(), found[0].bound, found[0].is_upper), ("a", 5.0, true));
         explanations[0].ruled_out = Some(RuledOut::ClosesLittle);
         assert_eq!(leans(&problem, &explanations).unwrap(), []);
+    }
+
+    #[test]
+    fn an_effect_beside_a_rest_that_lies_against_its_bound_is_said() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let mut parameters = prior.parameters().to_vec();
+        parameters[2] = Parameter { lower: 0.0, upper: 2.0, normal: None, ..parameters[2].clone() };
+        let prior = Prior::new(parameters);
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        // With the effect at so many standard deviations of a standard normal, as whose quantiles the bounds count.
+        let of = |name: &str, place: f64| {
+            let mut of = explanations.iter().find(|of| of.name == name).unwrap().clone();
+            of.evidence.samples.iter_mut().for_each(|sample| sample[2] = place);
+            cut_off(&problem, &of)
+        };
+        let found = of("wave+unexplained", 3.0);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert_eq!((found[0].parameter.as_str(), found[0].bound, found[0].is_upper), ("c", 2.0, true));
+        assert_eq!(of("wave+unexplained", 0.5), []);
+        // There it is off, and without a rest the fit itself would go beyond.
+        assert_eq!(of("wave+unexplained", -3.0), []);
+        assert_eq!(of("wave", 3.0), []);
     }
 
     #[test]

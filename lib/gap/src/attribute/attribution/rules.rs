@@ -279,11 +279,17 @@ fn take_from_what_leaves_much(all: &mut [Explanation]) {
 }
 
 /// What needs a base model that was not believed is likelier an imitation of something unknown. All that is known loses the
-/// same, so that no other effect gains by it.
+/// same, so that no other effect gains by it. A base model that fits by itself loses nothing where something unknown needs it
+/// beyond what was believed, too: it leaves nothing that would have to be explained.
 fn doubt_what_is_beyond(all: &mut [Explanation], unknown: usize) {
+    let needed = all[unknown].beyond;
+    let lost = |of: &Explanation| {
+        let leaves_nothing = of.is_base() && of.fits_well();
+        of.not_believed() * if leaves_nothing { 1.0 - needed } else { 1.0 }
+    };
     let known = |of: &&Explanation| !of.is_unknown();
     let whole: f64 = all.iter().filter(known).map(|of| of.probability).sum();
-    let left: f64 = all.iter().filter(known).map(|of| of.probability * (-of.not_believed()).exp()).sum();
+    let left: f64 = all.iter().filter(known).map(|of| of.probability * (-lost(of)).exp()).sum();
     if left > 0.0 {
         all[unknown].probability *= whole / left;
     }
@@ -394,6 +400,20 @@ mod tests {
         assert_eq!(closes(2.0, 0.4), [0.4, 0.4]);
         assert_eq!(closes(2.0, 0.9), [0.7, 0.9]);
         assert_eq!(closes(1.2, 0.4), [0.7, 0.4]);
+    }
+
+    #[test]
+    fn a_base_model_that_fits_leaves_nothing_to_something_unknown_that_needs_it_beyond_belief_too() {
+        let share = |fits: f64, needed: f64| {
+            let mut all = as_likely([("none", 0.5), ("unexplained", 0.5)]);
+            (all[0].noise_scale, all[0].beyond, all[1].beyond) = (1.0, 1.0, needed);
+            all[0].fits = Some(fits);
+            rule_out(&mut all);
+            all[0].probability
+        };
+        assert!((share(0.5, 1.0) - 0.5).abs() < 1e-12);
+        let less = 1.0 / (1.0 + NOT_BELIEVED.exp());
+        assert!((share(0.5, 0.0) - less).abs() < 1e-12 && (share(0.02, 1.0) - less).abs() < 1e-12);
     }
 
     #[test]

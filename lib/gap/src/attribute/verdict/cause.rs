@@ -12,7 +12,7 @@ use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
 use crate::attribute::settled::{
-    SETTLED, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
+    SETTLED, alternation_left, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
 };
 use gl_inference::path::short;
 
@@ -259,6 +259,10 @@ fn add_effects(
         verdicts.add("base-fits", &effects, format!(
             "but the base model fits as well as noise and scatter allow: {effects} is more probable than not to be there, and nothing has to be explained by it"
         ));
+    }
+    if let Some(correlation) = alternation_left(problem, first) {
+        let text = format!("what {effects} leaves {}", alternation(correlation));
+        verdicts.add("alternates", correlation, text);
     }
     Ok(())
 }

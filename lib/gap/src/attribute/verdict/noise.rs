@@ -63,8 +63,9 @@ pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explan
             1 => ("reading", "looks like an outlier, and counts"),
             _ => ("readings", "look like outliers, and count"),
         };
+        let unit = test.control_unit.as_ref().map(|unit| format!(" {unit}")).unwrap_or_default();
         let text = format!(
-            "{which} {} of {name}, at {} {}, {are} for little (counted from 0)",
+            "{which} {} of {name}, at {} {}{unit}, {are} for little (counted from 0)",
             all_of(&readings),
             test.control_name,
             all_of(&at)
