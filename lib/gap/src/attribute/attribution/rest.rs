@@ -15,7 +15,7 @@ use gl_numeric::statistics::{mean, sd};
 /// What is left over, as smooth as the rest is taken to be.
 #[derive(Clone, Debug)]
 pub struct Rest {
-    /// Measured minus predicted, without what is noise, shape (readings,).
+    /// Measured minus predicted, without what is noise and without what the parameters would absorb, shape (readings,).
     pub curve: Vec<f64>,
     /// Standard deviation of noise and scatter of each observable.
     pub spread: Vec<f64>,
@@ -41,8 +41,10 @@ pub fn rest(problem: &Problem<'_>, of: &Explanation) -> Option<Rest> {
     let nuisances = plain.nuisances(own);
     let others = problem.measurement_errors(&nuisances.scales);
     let made = &errors * errors.tr_mul(&solved) + &others * others.tr_mul(&solved);
-    let curve = residual.iter().zip(made.iter()).map(|(r, made)| r - made).collect();
-    Some(Rest { curve, spread })
+    let mut rest = column - made;
+    // Beside a rest parameters need not come as close as they could.
+    absorb(&plain, own, &plain.gradient(own).1, &mut rest).ok()?;
+    Some(Rest { curve: rest.as_slice().to_vec(), spread })
 }
 
 impl Rest {
