@@ -13,12 +13,13 @@ with_case_by() {
     "$tool" case num=20 iterations=2 "$@" --out made >log 2>&1 || { cat log; return 1; }
 }
 
-# Every section, every picture at both widths, nothing from elsewhere, every tag closed.
+# with_everything_in PAGE PICTURES [SECTION...]: these sections and those of every page, and no others; every picture at both widths,
+# nothing from elsewhere, every tag closed.
 with_everything_in() {
-    local section
-    for section in verdict calibrated stands posterior gap cause closed failed again; do
-        grep -q "<section id=\"$section\"" "$1" || { echo "no section $section"; return 1; }
-    done
+    local sections
+    sections=$(printf '%s\n' verdict calibrated stands posterior "${@:3}" failed again)
+    same "$(grep -o '<section id="[a-z]*"' "$1" | cut -d '"' -f 2)" "$sections"
+    same "$(grep -o '<a href="#[a-z]*"' "$1" | cut -d '#' -f 2 | tr -d '"' | sort -u)" "$(sort <<<"$sections")"
     if grep -nE 'https?:|<(script|link|img|iframe)|url\(' "$1"; then return 1; fi
     same "$(grep -c '<svg class="mm170"' "$1")" "$2"
     same "$(grep -c '<svg class="mm80"' "$1")" "$2"
@@ -193,7 +194,7 @@ a_diagnosis_becomes_one_file_with_its_pictures_and_one_for_reading() {
     # Six more for the calibration with the effect in, if one was found.
     same "$(grep -c '<pre>gl-.* -o picture.pdf</pre>' made/report.html)" "$(grep -c '<figcaption>' made/report.html)"
     if grep -o '<pre>gl-.* -o picture.pdf</pre>' made/report.html | grep -F /tmp; then return 1; fi
-    with_everything_in made/report.html $((10 + 6 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0)))
+    with_everything_in made/report.html $((10 + 6 * $([ -s made/winner.txt ] && [ -n "$(cat made/winner.txt)" ] && echo 1 || echo 0))) gap cause closed
 }
 
 # A verdict says by its code what it means; its words may be any.
