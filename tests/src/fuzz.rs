@@ -13,6 +13,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
 use std::process::{Command, ExitStatus, Stdio};
 
+use gl_case::shell::quoted;
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -119,12 +120,12 @@ impl World {
         let problem = problem(&outcome)?;
         let said = String::from_utf8_lossy(&outcome.stderr).chars().take(2000).collect::<String>();
         let kept = folder.keep();
-        let quoted: Vec<String> = words.iter().map(|word| quote(word)).collect();
+        let typed: Vec<String> = words.iter().map(|word| quoted(word)).collect();
         Some(Failure {
             report: format!(
                 "{problem}\n  cd {} && {}\n  {status}\n{said}\n",
                 kept.display(),
-                quoted.join(" ")
+                typed.join(" ")
             ),
         })
     }
@@ -161,15 +162,6 @@ fn signal(status: ExitStatus) -> Option<String> {
         true => format!("more than {SECONDS} s of a processor"),
         false => format!("ended by signal {signal}"),
     })
-}
-
-/// A word for a shell; a long one is cut.
-fn quote(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
-    match !word.is_empty() && word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', "'\\''")),
-    }
 }
 
 /// The bytes of a file, or none.

@@ -1,6 +1,5 @@
 //! Riddles: a truth that is drawn and hidden, the measurement that it gives, and whether it was found.
 
-use std::collections::HashSet;
 use std::f64::consts::TAU;
 
 use anyhow::{Context, Result, ensure};
@@ -50,9 +49,7 @@ impl MinimalStandard {
 /// If there is no effect to draw.
 pub fn truth(prior: &Prior, seed: u32) -> Result<Vec<f64>> {
     let parameters = prior.parameters();
-    let mut effects: Vec<&str> = parameters.iter().filter_map(|p| p.effect.as_deref()).collect();
-    let mut seen = HashSet::new();
-    effects.retain(|effect| seen.insert(*effect));
+    let effects = prior.effects();
     ensure!(!effects.is_empty(), "no parameter belongs to an effect; there is nothing to hide");
     let mut random = MinimalStandard::new(seed + 1);
     // Neighbouring seeds begin alike, so that each skips another number of draws.
@@ -60,10 +57,10 @@ pub fn truth(prior: &Prior, seed: u32) -> Result<Vec<f64>> {
     for _ in 0..=(1000.0 * random.uniform()) as usize {
         random.uniform();
     }
-    let chosen = effects[(effects.len() as f64 * random.uniform()) as usize];
+    let chosen = &effects[(effects.len() as f64 * random.uniform()) as usize].name;
     let value = |p: &gl_inference::prior::Parameter| {
         let drawn = p.lower + (0.25 + 0.5 * random.uniform()) * (p.upper - p.lower);
-        if p.effect.as_deref().is_none_or(|effect| effect == chosen) { drawn } else { p.off.unwrap_or(drawn) }
+        if p.effect.as_ref().is_none_or(|effect| effect == chosen) { drawn } else { p.off.unwrap_or(drawn) }
     };
     Ok(parameters.iter().map(value).collect())
 }

@@ -114,13 +114,13 @@ fn give_way(compliance: f64, load: usize, path: &Path, curve: &mut [f64]) {
         place = begin;
         for step in turn + 1..branch.end {
             let way = begin + control[step] - control[turn];
-            // What happens while the control stands still.
+            // With what happens while the control stands still.
             let still = |j: usize| stiff[j * steps + step] - on(j, control[step]);
-            let bears = |at: f64| on(load, at) + still(load) + apart[load];
-            let left = |at: f64| at - way + compliance * (bears(at) - turned[load]);
+            let beside: Vec<f64> = apart.iter().enumerate().map(|(j, apart)| apart + still(j)).collect();
+            let left = |at: f64| at - way + compliance * (on(load, at) + beside[load] - turned[load]);
             place = root(left, place + control[step] - control[step - 1], path.range());
-            for (j, apart) in apart.iter().enumerate() {
-                curve[j * steps + step] = on(j, place) + still(j) + apart;
+            for (j, beside) in beside.iter().enumerate() {
+                curve[j * steps + step] = on(j, place) + beside;
             }
         }
     }

@@ -14,14 +14,13 @@ mod tools;
 mod verdict;
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use gl_case::Engine;
 use gl_case::folders::{BASE, BASE_WIDER};
 use gl_case::shell::quoted;
-use gl_table::Sink;
+use gl_table::write_whole;
 
 /// Write OUT/report.html, and for a diagnosis OUT/report.md; what was written.
 ///
@@ -58,9 +57,7 @@ pub fn write(case: &Path, engine: Option<Engine>, out: &Path, given: &[String]) 
 }
 
 fn put(path: &Path, text: &str) -> Result<PathBuf> {
-    let mut sink = Sink::create(Some(path))?;
-    sink.write_all(text.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
-    sink.finish()?;
+    write_whole(path, text.as_bytes())?;
     Ok(path.to_owned())
 }
 

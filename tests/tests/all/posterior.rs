@@ -1,5 +1,7 @@
 //! `gl-posterior` between the tools before and after it.
 
+use std::collections::HashSet;
+
 use std::fmt::Write as _;
 
 use gl_numeric::statistics::{mean, sd};
@@ -268,6 +270,10 @@ fn next_runs_are_inside_the_bounds_and_of_any_number() {
         let names = folder.texts("next.txt", "description");
         assert_eq!(names.len(), count);
         assert!(names[0].starts_with("mine_Iter3_Sample0"), "{}", names[0]);
+        // Each at a place of its own: of equal parameters some simulators give the equal run.
+        let places: HashSet<(String, String)> =
+            folder.texts("next.txt", "a").into_iter().zip(folder.texts("next.txt", "b")).collect();
+        assert_eq!(places.len(), count);
         let params = folder.table("params.txt");
         for (row, name) in ["a", "b"].iter().enumerate() {
             let bounds = ["lower", "upper"].map(|bound| params.numbers(bound).unwrap()[row]);

@@ -89,11 +89,11 @@ impl Asked<'_> {
         let likelihood = Likelihood::new(&surrogate, space, measured, nuisances.clone());
         // What is concluded does not depend on how few draws are asked for.
         let enough = options.draws.max(Options::default().draws);
-        let points = thinned(&population.points, enough, options.seed);
+        let mut points = thinned(&population.points, enough, options.seed);
         let residual = |x: &Vec<f64>| measured.residual(surrogate.curve(space, x).as_slice());
-        let residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
-        let fits: Vec<Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
-        let noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
+        let mut residuals: Vec<Vec<f64>> = points.par_iter().map(residual).collect();
+        let mut fits: Vec<Fit> = points.par_iter().map(|x| likelihood.fit(x)).collect();
+        let mut noise: Vec<NoiseAt> = points.iter().map(|x| likelihood.noise_at(x)).collect();
         let best = (0..fits.len()).max_by(|&a, &b| fits[a].ln.total_cmp(&fits[b].ln)).unwrap_or(0);
         let pairs: Pairs<'_> = points.chunks_exact(2).take(PAIRED / 2).zip(noise.iter().step_by(2)).collect();
         let ignorance = ignorance(&likelihood, &pairs);
@@ -101,15 +101,21 @@ impl Asked<'_> {
         // The variance of n runs is known to √(2/n).
         let scatter_error = taken(&likelihood, &pairs) * (0.5 / degrees).sqrt();
         let (shift_if_known, ratio_if_known) = if_known(&likelihood, &points, &fits, space.len());
+        let left = noise::test(&residuals[best], measured, space.len());
+        let independent_readings = noise::independent(&residuals[best], measured).iter().sum();
+        points.truncate(options.draws);
+        residuals.truncate(options.draws);
+        fits.truncate(options.draws);
+        noise.truncate(options.draws);
         let (runs, places) = real_runs(&self.ranked, space, measured, (samples, ensemble))?;
         let failed = failed(space, samples, ensemble)?;
         Ok(Inference {
-            values: points.iter().take(options.draws).map(|x| space.values(x)).collect(),
-            misfit: fits.iter().take(options.draws).map(|fit| fit.square).collect(),
-            error: residuals.iter().take(options.draws).map(|residual| measured.error(residual)).collect(),
+            values: points.iter().map(|x| space.values(x)).collect(),
+            misfit: fits.iter().map(|fit| fit.square).collect(),
+            error: residuals.iter().map(|residual| measured.error(residual)).collect(),
             ln_evidence: population.ln_evidence,
-            left: noise::test(&residuals[best], measured, space.len()),
-            independent_readings: noise::independent(&residuals[best], measured).iter().sum(),
+            left,
+            independent_readings,
             chi_square,
             ignorance,
             scatter_error,
@@ -123,9 +129,9 @@ impl Asked<'_> {
             failed,
             are_alike: ensemble.len() > 1
                 && (1..ensemble.len()).all(|run| ensemble.curves(run) == ensemble.curves(0)),
-            noise: noise.into_iter().take(options.draws).collect(),
+            noise,
             nuisances,
-            points: points.into_iter().take(options.draws).collect(),
+            points,
             measured: measured.clone(),
             surrogate,
             space: space.clone(),

@@ -79,8 +79,9 @@ impl Choice<'_> {
             }
             let best = ledger.best(&chances);
             ledger.take(best);
-            // Of equal parameters some simulators give the equal run.
-            chances[best] = 0.0;
+            // Of equal parameters some simulators give the equal run, and draws may be equal.
+            let taken = candidates.iter().zip(&mut chances).filter(|(point, _)| **point == candidates[best]);
+            taken.for_each(|(_, chance)| *chance = 0.0);
             chosen.push(candidates[best].clone());
         }
         Ok(chosen)
@@ -186,7 +187,7 @@ impl Ledger {
         Self { components }
     }
 
-    /// The candidate that lowers Σ importance · variance over the references most, times the chance of each, shape
+    /// The candidate that lowers Σ importance · variance over the references most, times the chance of each, 0 if taken, shape
     /// (candidates,).
     fn best(&self, chances: &[f64]) -> usize {
         let candidates = self.components.first().map_or(0, |component| component.own.ncols());
@@ -197,14 +198,10 @@ impl Ledger {
             };
             self.components.iter().map(of).sum()
         };
-        let mut best = (f64::NEG_INFINITY, 0);
-        for (c, chance) in chances.iter().enumerate().take(candidates) {
-            let gain = chance * gain(c);
-            if gain > best.0 {
-                best = (gain, c);
-            }
-        }
-        best.1
+        // Not of those that are taken, also where nothing is gained anywhere.
+        let open = (0..candidates).filter(|&c| chances[c] > 0.0);
+        let gains = open.map(|c| (chances[c] * gain(c), c));
+        gains.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1))).map_or(0, |(_, c)| c)
     }
 
     /// Take a candidate as known.

@@ -148,7 +148,7 @@ mod tests {
             assert_eq!(diagnosis.first().hypothesis, [0]);
             alternation_left(&problem, diagnosis.first())
         };
-        assert!(left(0.015) < Some(-0.5) && left(0.015).is_some());
+        assert!(left(0.015).is_some_and(|correlation| correlation < -0.5));
         let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
         let problem = predictor.problem(&prior, &observations);
         assert_eq!(alternation_left(&problem, diagnose(&problem, 1, 1).unwrap().first()), None);

@@ -19,8 +19,6 @@ pub struct Lean {
     pub bound: f64,
     /// Whether it is the upper one.
     pub is_upper: bool,
-    /// How far beyond it the fit would go, as a share of the prior's width.
-    pub by: f64,
     /// The hypothesis.
     pub hypothesis: String,
 }
@@ -97,7 +95,6 @@ fn cut_off(problem: &Problem<'_>, of: &Explanation) -> Vec<Lean> {
             parameter: marginal.name,
             bound: if is_upper { parameter.upper } else { parameter.lower },
             is_upper,
-            by: LEAST,
             hypothesis: of.name.clone(),
         })
     };
@@ -134,7 +131,6 @@ fn beyond(problem: &Problem<'_>, of: &Explanation) -> Result<(f64, Vec<Lean>)> {
             parameter: parameter.name.clone(),
             bound,
             is_upper,
-            by,
             hypothesis: of.name.clone(),
         })
     });

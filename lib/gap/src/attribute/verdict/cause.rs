@@ -542,7 +542,7 @@ mod tests {
         (explanations[0].probability, explanations[0].noise_scale) = (probability, noise_scale);
         if leans {
             let (parameter, hypothesis) = ("a".to_owned(), name.to_owned());
-            diagnosis.leans.push(Lean { parameter, bound: 2.0, is_upper: true, by: 0.1, hypothesis });
+            diagnosis.leans.push(Lean { parameter, bound: 2.0, is_upper: true, hypothesis });
         }
         let mut verdicts = Verdicts::default();
         add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
