@@ -10,6 +10,7 @@ use crate::attribute::attribution::Explanation;
 use crate::attribute::attribution::closure::absorb;
 use crate::attribute::evidence::jumps::products_with_steps;
 use crate::attribute::problem::Problem;
+use crate::attribute::problem::test::Test;
 use gl_numeric::statistics::{mean, sd};
 
 /// What is left over, as smooth as the rest is taken to be.
@@ -215,11 +216,7 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
     let way = of_kind("the way so far", "the time so far");
     add(way, "a drift of the sensor or creep", travelled.to_vec());
     if !turns.is_empty() {
-        // The reading at a turn may still be of the branch that ends there.
-        let rises = path.rises();
-        let before = |t: usize| if rises[t] { 1.0 } else { -1.0 };
-        let after = |t: usize| before((t + 1).min(last));
-        for branch in [(0..steps).map(before).collect(), (0..steps).map(after).collect()] {
+        for branch in branches(test, &mean[problem.own(observable)]) {
             add(BRANCH, "plasticity of contacts, or friction of walls or piston", branch);
         }
         let since_turn = |t: usize| {
@@ -266,6 +263,26 @@ fn shapes(problem: &Problem<'_>, mean: &[f64], observable: usize) -> Vec<Shape> 
         );
     }
     shapes
+}
+
+/// Which way the control goes, -1 to 1, at each reading of an observable whose curve is `own`: at once, or only once the
+/// control has gone some way, as friction that first has to be mobilised; and each in proportion to what is measured, as friction is
+/// to a load. The reading at a turn may still be of the branch that ends there.
+fn branches(test: &Test, own: &[f64]) -> Vec<Vec<f64>> {
+    /// The way over which friction turns, as a share of all.
+    const MOBILISED: f64 = 0.05;
+    let (travelled, rises) = (test.path.travelled(), test.path.rises());
+    let before: Vec<f64> = rises.iter().map(|rises| if *rises { 1.0 } else { -1.0 }).collect();
+    let after = before[1..].iter().chain(before.last()).copied().collect();
+    let mut of = 0.0;
+    let gradual = before.iter().enumerate().map(|(t, to)| {
+        let way = travelled[t] - travelled[t.saturating_sub(1)];
+        of = to + (of - to) * (-way / MOBILISED).exp();
+        of
+    });
+    let alone = [gradual.collect(), before, after];
+    let in_proportion = |branch: &Vec<f64>| branch.iter().zip(own).map(|(b, y)| b * y).collect();
+    alone.iter().map(in_proportion).chain(alone.clone()).collect()
 }
 
 /// Whether the ways from reading to reading differ by more than a fifth of their mean (root mean square).
@@ -321,21 +338,34 @@ mod tests {
         }
     }
 
+    /// All that the rest goes with where the control goes back from step 13 and this is added to a measurement.
+    fn over_a_turn(more: impl Fn(usize) -> f64) -> Vec<GoesWith> {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
+        observations.control = (0..STEPS).map(|t| (t as f64 - 13.0).abs()).collect();
+        observations.values[0].iter_mut().enumerate().for_each(|(t, y)| *y += more(t));
+        let problem = predictor.problem(&prior, &observations);
+        let diagnosis = diagnose(&problem, 1, 1).unwrap();
+        let unknown = diagnosis.attribution.explanations.iter().find(|of| of.is_unknown()).unwrap();
+        goes_with(&problem, unknown).unwrap()
+    }
+
     #[test]
     fn a_hysteresis_is_told_by_its_branch_whichever_the_reading_at_a_turn_belongs_to() {
-        let (predictor, prior) = (Straight::new(), Straight::prior());
         for turn in [12, 13] {
-            let mut observations = Straight::measured(1.3, 0.6, 0.0, 0.01);
-            observations.control = (0..STEPS).map(|t| (t as f64 - 13.0).abs()).collect();
-            for (t, y) in observations.values[0].iter_mut().enumerate() {
-                *y += if t <= turn { 0.1 } else { -0.1 };
-            }
-            let problem = predictor.problem(&prior, &observations);
-            let diagnosis = diagnose(&problem, 1, 1).unwrap();
-            let unknown = diagnosis.attribution.explanations.iter().find(|of| of.is_unknown()).unwrap();
-            let all = goes_with(&problem, unknown).unwrap();
+            let all = over_a_turn(|t| if t <= turn { 0.1 } else { -0.1 });
             assert_eq!(all[0].what, BRANCH, "{all:?}");
             assert_eq!(all.iter().filter(|of| of.what == BRANCH).count(), 1);
+        }
+    }
+
+    #[test]
+    fn friction_in_proportion_to_a_load_or_mobilised_over_a_way_is_told_by_its_branch() {
+        let load = |t: usize| 1.3 + 0.6 * t as f64 / (STEPS - 1) as f64;
+        let in_proportion = |t: usize| 0.1 * load(t) * if t <= 13 { 1.0 } else { -1.0 };
+        let mobilised = |t: usize| 0.2 * (1.0 - (t.saturating_sub(13)) as f64 / 2.0).max(-1.0);
+        for found in [over_a_turn(in_proportion).remove(0), over_a_turn(mobilised).remove(0)] {
+            assert_eq!((found.what.as_str(), found.share > 0.7), (BRANCH, true), "{found:?}");
         }
     }
 }
