@@ -282,7 +282,7 @@ fn branches(test: &Test, own: &[f64]) -> Vec<Vec<f64>> {
     });
     let alone = [gradual.collect(), before, after];
     let in_proportion = |branch: &Vec<f64>| branch.iter().zip(own).map(|(b, y)| b * y).collect();
-    alone.iter().map(in_proportion).chain(alone.clone()).collect()
+    alone.into_iter().flat_map(|branch| [in_proportion(&branch), branch]).collect()
 }
 
 /// Whether the ways from reading to reading differ by more than a fifth of their mean (root mean square).
