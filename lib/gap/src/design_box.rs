@@ -10,6 +10,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use crate::attribute::attribution::lean;
+use crate::attribute::winner::cause;
 use gl_inference::prior::{Parameter, Prior};
 use gl_inference::weights::Weights;
 use gl_table::Table;
@@ -58,23 +59,37 @@ pub struct Pull {
     pub parameter: String,
     /// −1 the lower bound, 1 the upper, 0 none; −2 and 2 where the measurement pulls it beyond.
     pub side: f64,
+    /// Whether the hypothesis is what comes first, with a rest or without.
+    pub is_of_first: bool,
 }
 
-impl From<&lean::Lean> for Pull {
-    fn from(found: &lean::Lean) -> Self {
-        Self { parameter: found.parameter.clone(), side: if found.is_upper { PULLED } else { -PULLED } }
+impl Pull {
+    /// What the measurement pulls beyond a bound, where `first` comes first.
+    pub fn beyond(found: &lean::Lean, first: &str) -> Self {
+        Self {
+            parameter: found.parameter.clone(),
+            side: if found.is_upper { PULLED } else { -PULLED },
+            is_of_first: cause(&found.hypothesis) == cause(first),
+        }
     }
 }
 
-/// What hypotheses lean on: the table of `gl-gap-attribute --posterior-out`.
+/// What hypotheses lean on: the table of `gl-gap-attribute --posterior-out`, whose first row is of what comes first. Without a
+/// column `hypothesis` all of it is.
 ///
 /// # Errors
 /// If it cannot be read, or lacks the columns `parameter lean`.
 pub fn read_leans(path: &Path) -> Result<Vec<Pull>> {
     let table = Table::read(path)?;
     let parameter = table.format().column("parameter")?;
+    let hypothesis = table.format().column("hypothesis").ok();
     let sides = table.numbers("lean")?;
-    let lean = |(row, side)| Pull { parameter: table.field(row, parameter).to_owned(), side };
+    let cause_of = |row: usize| hypothesis.map(|column| cause(table.field(row, column)));
+    let lean = |(row, side)| Pull {
+        parameter: table.field(row, parameter).to_owned(),
+        side,
+        is_of_first: cause_of(row) == cause_of(0),
+    };
     Ok(sides.into_iter().enumerate().map(lean).collect())
 }
 
@@ -87,7 +102,8 @@ pub enum Limit {
     /// To the bounds of the prior.
     Prior,
     /// Beyond them, where the measurement pulls a parameter there, by half the prior's width a time and its whole width
-    /// at the most: what was believed beforehand is in doubt then. What is not negative stays so.
+    /// at the most: what was believed beforehand is in doubt then. What is not negative stays so. Where it lies beyond
+    /// already it goes on only for what comes first: a base model that may do ever more imitates ever more.
     Beyond,
 }
 
@@ -116,22 +132,24 @@ pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Pull], limit: Limit) -> R
             whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
         let (low, high) = parameter.scaled_bounds();
         let mut wider = parameter.clone();
-        let limit_of = |side: f64| {
-            let is_pulled = leans.iter().any(|lean| lean.parameter == name && lean.side * side >= PULLED);
+        let limit_of = |side: f64, is_beyond: bool| {
+            let is_pulled = leans.iter().any(|lean| {
+                lean.parameter == name && lean.side * side >= PULLED && (lean.is_of_first || !is_beyond)
+            });
             if is_pulled { limit } else { Limit::Prior }
         };
         if to_lower.contains(name) {
             wider.lower = if parameter.lower > whole.lower {
                 between(whole, low - (high - low), high).lower
             } else {
-                beyond(parameter.lower, whole, limit_of(-1.0), -1.0)
+                beyond(parameter.lower, whole, limit_of(-1.0, parameter.lower < whole.lower), -1.0)
             };
         }
         if to_upper.contains(name) {
             wider.upper = if parameter.upper < whole.upper {
                 between(whole, low, high + (high - low)).upper
             } else {
-                beyond(parameter.upper, whole, limit_of(1.0), 1.0)
+                beyond(parameter.upper, whole, limit_of(1.0, parameter.upper > whole.upper), 1.0)
             };
         }
         is_wider |= (wider.lower, wider.upper) != (parameter.lower, parameter.upper);
@@ -254,6 +272,10 @@ mod tests {
         Weights::from_table(&Table::parse("weights.txt", text.as_bytes().to_vec()).unwrap()).unwrap()
     }
 
+    fn pull(parameter: &str, side: f64, is_of_first: bool) -> Pull {
+        Pull { parameter: parameter.to_owned(), side, is_of_first }
+    }
+
     fn has_bounds(prior: &Prior, expected: [(f64, f64); 3]) {
         for (parameter, (lower, upper)) in prior.parameters().iter().zip(expected) {
             assert!((parameter.lower - lower).abs() <= 1e-12 * lower.abs(), "{parameter:?}");
@@ -292,7 +314,7 @@ mod tests {
     fn a_box_grows_where_a_hypothesis_leans_on_it_and_nowhere_else() {
         let narrowed =
             prior("name lower upper scale effect off\na 3 7 - - -\nb 10 100 log - -\nc 0 1 - extra 0\n");
-        let lean = |parameter: &str, side: f64| Pull { parameter: parameter.to_owned(), side };
+        let lean = |parameter: &str, side: f64| pull(parameter, side, true);
         let leans = [lean("a", -1.0), lean("b", 1.0), lean("c", -1.0), lean("b", 0.0)];
         let wider = widen(&prior(PARAMS), &narrowed, &leans, Limit::Prior).unwrap().unwrap();
         has_bounds(&wider, [(0.0, 7.0), (10.0, 1000.0), (0.0, 1.0)]);
@@ -302,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_box_grows_beyond_the_prior_twice_by_half_its_width_and_keeps_its_sign() {
-        let lean = |parameter: &str, side: f64| Pull { parameter: parameter.to_owned(), side };
+        let lean = |parameter: &str, side: f64| pull(parameter, side, true);
         let leans = [lean("a", -2.0), lean("b", 2.0), lean("c", 2.0)];
         let whole =
             prior("name lower upper scale effect off\na 2 10 - - -\nb 1 10000 log - -\nc 0.5 1 - extra 0\n");
@@ -312,6 +334,10 @@ mod tests {
         has_bounds(&twice, [(0.5, 10.0), (1.0, 1e8), (0.5, 1.5)]);
         let more = widen(&whole, &twice, &leans[1..], Limit::Beyond).unwrap();
         assert_eq!(more, None);
+        // What does not come first is followed beyond what was believed, and no further.
+        let of_others = leans.map(|lean| pull(&lean.parameter, lean.side, false));
+        assert_eq!(widen(&whole, &whole, &of_others, Limit::Beyond).unwrap(), Some(once.clone()));
+        assert_eq!(widen(&whole, &once, &of_others, Limit::Beyond).unwrap(), None);
         let leans_only = [lean("a", -1.0), lean("b", 1.0)];
         assert_eq!(widen(&whole, &whole, &leans_only, Limit::Beyond).unwrap(), None);
         let narrow =

@@ -17,7 +17,7 @@ use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step};
 use gl_gap::attribute::settled::is_settled;
 use gl_gap::attribute::winner::cause;
-use gl_gap::design_box::{self, Limit, widen};
+use gl_gap::design_box::{self, Limit, Pull, widen};
 use gl_inference::design::{self, Effects};
 use gl_inference::ensemble::Ensemble;
 use gl_inference::observations::{ByName, Observations};
@@ -187,7 +187,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         if !how.in_rounds {
             return Ok(found);
         }
-        let leans: Vec<design_box::Pull> = found.diagnosis.leans.iter().map(design_box::Pull::from).collect();
+        let first = &found.diagnosis.first().name;
+        let leans: Vec<Pull> = found.diagnosis.leans.iter().map(|lean| Pull::beyond(lean, first)).collect();
         let wider = if course.may_widen() {
             widen(&shared.prior, &design.prior, &leans, Limit::Beyond)?
         } else {

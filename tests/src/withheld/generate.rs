@@ -455,7 +455,9 @@ impl<'a> Truth<'a> {
 fn beyond(parameters: &[Parameter]) -> Result<Vec<Parameter>> {
     let pulls: Vec<Pull> = parameters
         .iter()
-        .flat_map(|own| [-PULLED, PULLED].map(|side| Pull { parameter: own.name.clone(), side }))
+        .flat_map(|own| {
+            [-PULLED, PULLED].map(|side| Pull { parameter: own.name.clone(), side, is_of_first: true })
+        })
         .collect();
     let prior = Prior::new(parameters.to_vec());
     let mut wider = prior.clone();

@@ -40,7 +40,7 @@ enum What {
         /// The box
         #[arg(short, long = "box", value_name = "FILE")]
         narrowed: PathBuf,
-        /// Where the prior itself is leaned on, beyond it, too: by half its width a time, its whole width at the most
+        /// Where the prior itself is leaned on, beyond it, too: by half its width, and by its whole width for what comes first
         #[arg(long)]
         beyond: bool,
         /// Where the table goes; stdout when absent

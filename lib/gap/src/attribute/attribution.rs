@@ -24,6 +24,8 @@ pub mod untried;
 pub mod visible;
 pub mod yardstick;
 
+use std::iter;
+
 use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -261,21 +263,29 @@ struct Found<'a> {
     modes: Vec<Mode>,
 }
 
+impl Found<'_> {
+    /// ln evidence to second order about the modes.
+    fn rough_evidence(&self) -> f64 {
+        ln_sum_exp(&self.modes.iter().map(Mode::ln_evidence).collect::<Vec<_>>())
+    }
+}
+
 /// Weigh every set of up to `largest` candidates against the measurement, alone and with a rest.
 ///
 /// # Errors
 /// If no hypothesis can be evaluated.
 pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Attribution> {
-    let visible = visible(problem, seed)?;
-    let is_visible = |set: &Hypothesis| set.iter().all(|&candidate| visible[candidate]);
-    let count = visible.iter().filter(|visible| **visible).count();
-    let mut sets = hypotheses(problem.candidates.len(), largest);
-    sets.retain(|set| set.len() < 2 || is_visible(set));
     let random = |place: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(place as u64);
         random
     };
+    let mut visible = visible(problem, seed)?;
+    add_shown(problem, &mut visible, &random);
+    let is_visible = |set: &Hypothesis| set.iter().all(|&candidate| visible[candidate]);
+    let count = visible.iter().filter(|visible| **visible).count();
+    let mut sets = hypotheses(problem.candidates.len(), largest);
+    sets.retain(|set| set.len() < 2 || is_visible(set));
     let plain = search(problem, &sets, None, &random);
     let with_rest = search(problem, &sets, Some(&plain), &|place| random(sets.len() + place));
     let mut found: Vec<Found<'_>> = plain.into_iter().chain(with_rest).collect();
@@ -284,13 +294,7 @@ pub fn attribute(problem: &Problem<'_>, largest: usize, seed: u64) -> Result<Att
         let set = &sets[found.place];
         if is_visible(set) { ln_prior_odds(set, found.model.has_rest(), count) } else { f64::NEG_INFINITY }
     };
-    let rough: Vec<f64> = found
-        .iter()
-        .map(|found| {
-            let parts: Vec<f64> = found.modes.iter().map(Mode::ln_evidence).collect();
-            ln_sum_exp(&parts) + ln_odds(found)
-        })
-        .collect();
+    let rough: Vec<f64> = found.iter().map(|found| found.rough_evidence() + ln_odds(found)).collect();
     let highest = rough.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let weighing = stage("weighing hypotheses", found.len());
     let mut explanations: Vec<Explanation> = found
@@ -424,6 +428,28 @@ fn search<'a>(
     all
 }
 
+/// ln evidence that a candidate gains in this measurement, with a rest or without, from which on it shows.
+const SHOWN: f64 = 2.0;
+
+/// Of the candidates that hardly any measurement could show, those that this one shows are visible.
+fn add_shown(problem: &Problem<'_>, visible: &mut [bool], random: &(impl Fn(usize) -> ChaCha8Rng + Sync)) {
+    let hidden: Vec<usize> = (0..visible.len()).filter(|&candidate| !visible[candidate]).collect();
+    if hidden.is_empty() {
+        return;
+    }
+    let sets: Vec<Hypothesis> =
+        iter::once(Vec::new()).chain(hidden.iter().map(|&candidate| vec![candidate])).collect();
+    let plain = search(problem, &sets, None, random);
+    let with_rest = search(problem, &sets, Some(&plain), random);
+    let mut best = vec![f64::NEG_INFINITY; sets.len()];
+    for found in plain.iter().chain(&with_rest) {
+        best[found.place] = best[found.place].max(found.rough_evidence());
+    }
+    for (candidate, own) in hidden.into_iter().zip(&best[1..]) {
+        visible[candidate] = own - best[0] > SHOWN;
+    }
+}
+
 /// Let every rest try the jumps of those with which the measurement is likeliest.
 fn share_jumps(found: &mut [Found<'_>]) {
     /// Sets of jumps that are tried.
@@ -493,6 +519,21 @@ mod tests {
         let (none, unknown) = (of("none"), of("unexplained"));
         let ln_odds = |of: &Explanation| of.ln_weight - of.evidence.ln;
         assert!((ln_odds(unknown) - ln_odds(none) - 5f64.ln()).abs() < 1e-9, "{explanations:?}");
+    }
+
+    #[test]
+    fn what_this_measurement_shows_is_visible_whatever_others_would_show() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let random = ChaCha8Rng::seed_from_u64;
+        let shown = |strength: f64| {
+            let observations = Straight::measured(1.3, 0.6, strength, 0.01);
+            let problem = predictor.problem(&prior, &observations);
+            let mut visible = [false; 2];
+            add_shown(&problem, &mut visible, &|place| random(place as u64));
+            visible
+        };
+        // The offset is what `a` does, too.
+        assert_eq!((shown(0.8), shown(0.0)), ([true, false], [false, false]));
     }
 
     #[test]

@@ -57,7 +57,8 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
     let is_asked =
         |of: &&Explanation| of.ln_weight.is_finite() && of.ruled_out != Some(RuledOut::ClosesLittle);
     let mut order: Vec<&Explanation> = explanations.iter().filter(is_asked).collect();
-    order.sort_by(|a, b| b.ln_weight.total_cmp(&a.ln_weight));
+    let is_first = |of: &Explanation| of.says_as(&explanations[0]);
+    order.sort_by(|a, b| is_first(b).cmp(&is_first(a)).then(b.ln_weight.total_cmp(&a.ln_weight)));
     let mut found: Vec<Lean> = Vec::new();
     for of in order {
         let (gain, more) = beyond(problem, of)?;
@@ -65,8 +66,7 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
         let enough =
             if adds(of, &explanations[0]) { behind + AHEAD } else { (1.0 - MATTERS.1) * behind - MATTERS.0 };
         if gain > GAIN && gain > enough {
-            let is_first = of.says_as(&explanations[0]);
-            found.extend(more.into_iter().filter(|lean| is_first || lean.bound != 0.0));
+            found.extend(more.into_iter().filter(|lean| is_first(of) || lean.bound != 0.0));
         }
     }
     // What a bound cuts off of an effect a rest makes up for, so that the fit within the bounds gains little beyond them.
