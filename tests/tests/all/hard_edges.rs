@@ -397,6 +397,16 @@ fn an_effect_of_the_measurement_is_given_once() {
 }
 
 #[test]
+fn what_was_believed_is_of_the_same_parameters() {
+    let folder = collected(12);
+    folder.write("believed.txt", "name lower upper\na 0.1 10\n");
+    folder.refuses(
+        "gl-gap-attribute -p params.txt -s samples.txt -b obs.txt -c x -v y ensemble.txt --prior believed.txt --measurement offset",
+        &["believed.txt: no row b, which params.txt has"],
+    );
+}
+
+#[test]
 fn names_of_observables_are_neither_empty_nor_repeated() {
     let folder = collected(6);
     let line = |names: &str| LIKELIHOOD.replace("-v y", &format!("-v {names}"));

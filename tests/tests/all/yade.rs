@@ -12,7 +12,7 @@ fn the_collision_is_calibrated_by_yade_batch_to_one_percent() {
     }
     let folder = Folder::default();
     // Yade takes a second to start: bounds nearer to the truth want fewer runs.
-    copy_case(&folder, "collision", &[("num", "20"), ("iterations", "4")]);
+    copy_case(&folder, "collision", &[("num", "12"), ("iterations", "3")]);
     folder.write("case/params.txt", "name lower upper\nE_m 9 9.6\nnu 0 0.5\n");
     let (stdout, stderr) = finish(&mut calibrate(&folder, "yade-batch", "out"));
     let (mean, _) = stiffness(&folder, "out");

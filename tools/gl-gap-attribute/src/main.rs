@@ -242,7 +242,15 @@ fn run(args: &Args) -> Result<()> {
     let mut problem =
         Problem::of_tests(&simulation, &prior, candidates.clone(), measured, noise, args.scatter)?
             .in_units(&args.units);
-    if let Some((believed, _)) = &believed {
+    if let Some((believed, path)) = &believed {
+        let known = believed.names();
+        let unknown = prior.names().into_iter().find(|name| !known.contains(name));
+        ensure!(
+            unknown.is_none(),
+            "{path}: no row {}, which {} has; --prior is the same parameters with the bounds that were believed",
+            unknown.unwrap_or_default(),
+            args.params.display()
+        );
         problem = problem.believing(believed);
     }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
