@@ -86,7 +86,8 @@ diagnose: build
 ##                                  (as stated with SEED, the next with the seed after it, and so on),
 ##                                  WORLDS="triaxial-one triaxial-three": one test, and three at other cell pressures,
 ##                                  NO_CANDIDATE=yes: of these cases those whose effect is no candidate;
-##                                  `withheld weigh out/withheld/*` weighs them by other rules, without runs
+##                                  `withheld weigh out/withheld/*` weighs them by other rules, without runs,
+##                                  `withheld page out/withheld/*` has the tables of docs/diagnosis-accuracy.md
 CASES ?= 200
 WORLDS ?= contact triaxial
 CONDITION ?= as-stated

@@ -9,6 +9,7 @@ pub mod diagnose;
 pub mod exact;
 pub mod fit;
 pub mod generate;
+pub mod page;
 pub mod score;
 pub mod specimen;
 pub mod weigh;

@@ -1,5 +1,6 @@
 //! Draw, diagnose and score the withheld check.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -10,6 +11,7 @@ use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::generate::{SEEN_WITHOUT, Which};
+use pipelines::withheld::page::page;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows,
     parameter_coverage, read, reliability, shrink_coverage,
@@ -73,6 +75,12 @@ enum Step {
         #[arg(required = true)]
         dirs: Vec<PathBuf>,
     },
+    /// The tables of the page on accuracy, from folders named WORLD-CONDITION-…, as make withheld names them
+    Page {
+        /// Where they are
+        #[arg(required = true)]
+        dirs: Vec<PathBuf>,
+    },
     /// Hold DIR/verdicts.tsv against DIR/sealed/answers.tsv, those of several folders together
     Score {
         /// Where they are
@@ -92,6 +100,7 @@ fn run(args: &Args) -> Result<()> {
             let how = How { runs: *runs, in_rounds: !one_round, exact: *exact, seed: *seed };
             diagnose::diagnose(&Bench::under(world, Condition::named(condition)?)?, how, dir)
         }
+        Step::Page { dirs } => Ok(std::io::stdout().write_all(page(dirs)?.as_bytes())?),
         Step::Weigh { dirs } => dirs.iter().try_for_each(|dir| weigh::weigh(dir)),
         Step::Score { dirs } => {
             let cases = dirs.iter().map(|dir| read(dir)).collect::<Result<Vec<_>>>()?;

@@ -61,6 +61,8 @@ pub struct Scored {
     pub is_beside_a_rest: bool,
     /// Parameters of the simulation in what comes first.
     pub parameters: Vec<Known>,
+    /// Runs of the design.
+    pub runs: f64,
 }
 
 /// What is known of a parameter, and what it is.
@@ -180,6 +182,7 @@ pub fn read(dir: &Path) -> Result<Vec<Scored>> {
             confounded: text(&verdicts, "confounded")?.split(',').map(str::to_owned).collect(),
             predicted: (number(&verdicts, "shrink_low")?, number(&verdicts, "shrink_high")?),
             shrink: number(&answers, "shrink")?,
+            runs: number(&verdicts, "runs")?,
             effects: text(&verdicts, "effects")?
                 .split(',')
                 .map(|pair| {

@@ -5,6 +5,7 @@ use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
 use pipelines::withheld::generate::Which;
+use pipelines::withheld::page::page;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, read,
 };
@@ -12,15 +13,16 @@ use pipelines::withheld::{diagnose, generate, weigh};
 
 #[test]
 fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
-    let dir = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("contact-as-stated-15-8");
     let bench = Bench::named("contact").unwrap();
     // Each family of cases, with fewer runs than `make withheld` makes. Two minutes of a processor: the one check that a
     // change of the inference does not make the diagnosis worse. Of this seed four effects are visible, and one that is withheld.
     let which = Which { count: 10, no_candidate: false, seed: 8 };
-    generate::generate(&bench, Condition::AsStated, which, dir.path()).unwrap();
+    generate::generate(&bench, Condition::AsStated, which, &dir).unwrap();
     let how = How { runs: 15, in_rounds: true, exact: false, seed: 1 };
-    diagnose::diagnose(&bench, how, dir.path()).unwrap();
-    let cases = read(dir.path()).unwrap();
+    diagnose::diagnose(&bench, how, &dir).unwrap();
+    let cases = read(&dir).unwrap();
     let share = |choose: &dyn Fn(&Scored) -> bool, so: &dyn Fn(&Scored) -> bool| {
         Share::count(cases.iter().filter(|case| choose(case)), so)
     };
@@ -42,9 +44,14 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
             .map(|case| format!("{} {:.9} {:?}", case.first, case.probability, case.effects))
             .collect()
     };
-    let kept = dir.path().join("hypotheses.tsv");
-    weigh::weigh(dir.path()).unwrap();
-    assert_eq!(said(&read(dir.path()).unwrap()), said(&cases));
+    let kept = dir.join("hypotheses.tsv");
+    weigh::weigh(&dir).unwrap();
+    assert_eq!(said(&read(&dir).unwrap()), said(&cases));
+    let page = page(std::slice::from_ref(&dir)).unwrap();
+    let told = |share: Share| format!("{} of {}", share.of, share.all);
+    let right = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
+    let row = format!("| one effect, visibility ≥ 1: right | {0} | {0} |", told(right));
+    assert!(page.contains(&row) && page.contains(&format!("| as-stated | {} | - |", told(right))), "{page}");
     // Had every effect closed nothing, fewer would be named: those beside whose scatter no rest is needed, and those whose form no
     // rest has, with 0.9 at the most.
     let table = Table::read(&kept).unwrap();
@@ -60,12 +67,12 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
         (0..table.format().columns().len()).map(field).collect::<Vec<_>>().join("\t")
     }));
     std::fs::write(&kept, rows.join("\n") + "\n").unwrap();
-    weigh::weigh(dir.path()).unwrap();
+    weigh::weigh(&dir).unwrap();
     let named = |cases: &[Scored]| -> Vec<Scored> {
         let named = cases.iter().filter(|case| !matches!(case.first.as_str(), "none" | "unexplained"));
         named.cloned().collect()
     };
-    let all = read(dir.path()).unwrap();
+    let all = read(&dir).unwrap();
     let (before, after) = (named(&cases), named(&all));
     assert!(before.len() >= 6 && after.len() <= before.len() - 2, "{all:#?}");
     assert!(after.iter().all(|case| case.family == "Scatter" || case.probability <= 0.9), "{all:#?}");
