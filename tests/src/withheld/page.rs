@@ -24,15 +24,10 @@ impl Lot {
     /// Those of a folder whose name begins as `WORLD-CONDITION-`.
     fn read(dir: &Path) -> Result<Self> {
         let name = dir.file_name().context("a folder without a name")?.to_string_lossy();
-        let after = |known: &&'static str| -> Option<(&'static str, String)> {
-            Some((*known, name.strip_prefix(&format!("{known}-"))?.to_owned()))
-        };
-        let longest = |(known, _): &(&'static str, String)| known.len();
-        let world = bench::NAMES.iter().filter_map(after).max_by_key(longest);
-        let found = world.and_then(|(world, rest)| {
-            let is_first = |condition: &&&str| rest.starts_with(&format!("{condition}-"));
-            Some((world, *Condition::NAMES.iter().find(is_first)?))
-        });
+        let pairs =
+            bench::NAMES.iter().flat_map(|world| Condition::NAMES.iter().map(move |of| (*world, *of)));
+        let found =
+            pairs.into_iter().find(|(world, condition)| name.starts_with(&format!("{world}-{condition}-")));
         let (world, condition) =
             found.with_context(|| format!("{name}: its name does not begin with WORLD-CONDITION-"))?;
         Ok(Self { world, condition, cases: read(dir)? })
