@@ -32,7 +32,7 @@ help:
 DEMO := out/demo-$(or $(ENGINE),embedded)
 demo: build
 	@gl-calibrate examples/collision $(if $(ENGINE),--engine $(ENGINE)) --out $(DEMO)
-	@gl-plot fit -b examples/collision/obs.txt -c u -v f -w $(DEMO)/posterior-runs-weights.txt --posterior $(DEMO)/posterior-curves.txt \
+	@gl-plot fit -b examples/collision/obs.txt -c u -v f --units u=m,f=N -w $(DEMO)/posterior-runs-weights.txt --posterior $(DEMO)/posterior-curves.txt \
 	 $(DEMO)/ensemble.txt -o $(DEMO)/fit.png
 	@echo; echo "The fit is drawn in $(DEMO)/fit.png, the tables stand beside it."
 	@echo "make report OUT=$(DEMO) puts all of it on a page; docs/tutorial.md goes on from here."
