@@ -110,6 +110,9 @@ pub enum Limit {
 /// Share of the prior's width by which a box grows beyond it at a time.
 const STEP_BEYOND: f64 = 0.5;
 
+/// What is left of a bound by less than this has come to zero, but for rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// Widths of the prior that a box may lie beyond it at the most.
 const MOST_BEYOND: f64 = 1.0;
 
@@ -173,7 +176,12 @@ fn beyond(bound: f64, whole: &Parameter, limit: Limit, side: f64) -> f64 {
     let moved = whole.scale.back(edge + side * further * width);
     // A length, a stiffness, a share keeps its sign.
     let (is_positive, is_negative) = (whole.lower >= 0.0, whole.upper <= 0.0);
-    if (is_positive && moved <= 0.0) || (is_negative && moved >= 0.0) { bound / 2.0 } else { moved }
+    let rounding = ROUNDING * bound.abs();
+    if (is_positive && moved <= rounding) || (is_negative && moved >= -rounding) {
+        bound / 2.0
+    } else {
+        moved
+    }
 }
 
 /// A box that ends beyond the prior where runs do: most of the runs made out there have failed, so that the bound is one
@@ -335,9 +343,13 @@ mod tests {
         let more = widen(&whole, &twice, &leans[1..], Limit::Beyond).unwrap();
         assert_eq!(more, None);
         // What does not come first is followed beyond what was believed, and no further.
-        let of_others = leans.map(|lean| pull(&lean.parameter, lean.side, false));
+        let of_others: Vec<Pull> = leans.iter().map(|lean| pull(&lean.parameter, lean.side, false)).collect();
         assert_eq!(widen(&whole, &whole, &of_others, Limit::Beyond).unwrap(), Some(once.clone()));
         assert_eq!(widen(&whole, &once, &of_others, Limit::Beyond).unwrap(), None);
+        // Half of 0.8 below 0.4 is zero, but for rounding.
+        let share = prior("name lower upper\na 0.4 1.2\n");
+        let half = widen(&share, &share, &leans[..1], Limit::Beyond).unwrap().unwrap();
+        assert!((half.parameters()[0].lower - 0.2).abs() < 1e-12, "{half:?}");
         let leans_only = [lean("a", -1.0), lean("b", 1.0)];
         assert_eq!(widen(&whole, &whole, &leans_only, Limit::Beyond).unwrap(), None);
         let narrow =
