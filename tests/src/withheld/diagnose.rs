@@ -171,6 +171,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
         let standing = Standing {
             cause: cause(&diagnosis.first().name).to_owned(),
             probability: diagnosis.stated(),
+            is_beside_a_rest: diagnosis.first().has_rest,
             ignorance: diagnosis.least_known(),
             is_untried: !diagnosis.untried.is_empty(),
             is_unsettled: !is_settled,

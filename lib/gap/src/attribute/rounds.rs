@@ -67,6 +67,8 @@ pub struct Standing {
     pub cause: String,
     /// Its probability.
     pub probability: f64,
+    /// Whether it is likelier beside a rest than alone.
+    pub is_beside_a_rest: bool,
     /// See [`Diagnosis::least_known`](crate::attribute::diagnosis::Diagnosis::least_known).
     pub ignorance: f64,
     /// Whether effects are left of which the emulator knows too little to rule them out.
@@ -91,7 +93,7 @@ impl Standing {
     /// # Errors
     /// If a column is missing, or there are no rows.
     pub fn of_tables(attribution: &Table, verdict: &Table) -> Result<Self> {
-        let MostProbable { cause, probability, .. } = MostProbable::of(attribution)?;
+        let MostProbable { cause, probability, is_beside_a_rest } = MostProbable::of(attribution)?;
         let (code, value) = (verdict.format().column("code")?, verdict.format().column("value")?);
         let said = |wanted: &'static str| {
             let rows = (0..verdict.len()).filter(move |row| verdict.field(*row, code) == wanted);
@@ -100,7 +102,14 @@ impl Standing {
         let (emulator, untried) = (said("emulator"), said("untried").or(said("rival-untried")));
         let ignorance = emulator.into_iter().chain(untried).fold(0.0, f64::max);
         let is_unsettled = (0..verdict.len()).any(|row| verdict.field(row, code) == "unsettled");
-        Ok(Self { cause, probability, ignorance, is_untried: untried.is_some(), is_unsettled })
+        Ok(Self {
+            cause,
+            probability,
+            is_beside_a_rest,
+            ignorance,
+            is_untried: untried.is_some(),
+            is_unsettled,
+        })
     }
 
     /// Whether further runs are to be made after so many pointed rounds, where all runs are made that a design has by
@@ -109,10 +118,11 @@ impl Standing {
         self.is_untried && pointed < POINTED + FURTHER
     }
 
-    /// Whether it is what the round before said, and stands out in both. That something unknown is at work is said without
+    /// Whether it is what the round before said, something else beside it or not, and stands out in both. That something unknown is at work is said without
     /// reserve, too: further runs may show what it is.
     fn is_settled_since(&self, before: &Self) -> bool {
         self.cause == before.cause
+            && self.is_beside_a_rest == before.is_beside_a_rest
             && self.probability >= SHARP
             && before.probability >= SHARP
             && self.is_known()
@@ -254,7 +264,14 @@ mod tests {
     }
 
     fn of(cause: &str, probability: f64, ignorance: f64) -> Standing {
-        Standing { cause: cause.into(), probability, ignorance, is_untried: false, is_unsettled: false }
+        Standing {
+            cause: cause.into(),
+            probability,
+            is_beside_a_rest: false,
+            ignorance,
+            is_untried: false,
+            is_unsettled: false,
+        }
     }
 
     /// What follows rounds that say this, the box leant on in the first of them.
@@ -368,6 +385,8 @@ mod tests {
         assert!(!now.is_settled_since(&of("adhesion", 0.9, 0.6)));
         assert!(!of("adhesion", 0.97, 1.6).is_settled_since(&now));
         assert!(!Standing { is_untried: true, ..now.clone() }.is_settled_since(&now));
+        // What else is in it may be the emulator's error.
+        assert!(!Standing { is_beside_a_rest: true, ..now.clone() }.is_settled_since(&now));
         let unsettled = |cause: &str| Standing { is_unsettled: true, ..of(cause, 0.97, 0.6) };
         assert!(unsettled("adhesion").is_settled_since(&now));
         let unknown = of("unexplained", 0.97, 0.6);
