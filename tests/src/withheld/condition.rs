@@ -62,6 +62,25 @@ impl Condition {
         "ten-steps",
     ];
 
+    /// What is otherwise, in words.
+    pub fn told(self) -> String {
+        match self {
+            Self::AsStated => "as stated".to_owned(),
+            Self::Noise(times) => format!("a noise stated {times} times the true one"),
+            Self::Unstated => "no noise stated".to_owned(),
+            Self::Correlated(phi) => format!("noise correlated by {phi}, stated as white"),
+            Self::HeavyTails => "noise of Student's t, 3 degrees of freedom".to_owned(),
+            Self::Outliers => "two readings an observable off by 8 sd".to_owned(),
+            Self::Remainder(times) => format!("a smooth remainder of {times} times the noise"),
+            Self::OtherForm => "an effect of another form".to_owned(),
+            Self::Outside => "a base parameter outside its prior".to_owned(),
+            Self::Beyond => "an effect 1.6 times its upper bound".to_owned(),
+            Self::Idle => "five more candidates that cannot show".to_owned(),
+            Self::OneObservable => "one observable alone".to_owned(),
+            Self::TenSteps => "ten readings an observable".to_owned(),
+        }
+    }
+
     /// A condition by name; a number follows the last hyphen where there is one.
     ///
     /// # Errors

@@ -162,7 +162,7 @@ fn by_condition(lots: &[Lot], page: &mut String) -> Result<()> {
             share(all(), |_| true, is_wrong).of.to_string(),
             told(shrink_coverage(all())),
         ];
-        writeln!(page, "| {condition} | {} |", cells.join(" | "))?;
+        writeln!(page, "| {} | {} |", Condition::named(condition)?.told(), cells.join(" | "))?;
     }
     writeln!(page)?;
     Ok(())
@@ -179,7 +179,7 @@ fn intervals(lots: &[Lot], page: &mut String) -> Result<()> {
         writeln!(page, "| {name} | {without} | {beside} |")
     };
     for condition in Condition::NAMES {
-        row(condition, &|lot| lot.condition == condition)?;
+        row(&Condition::named(condition)?.told(), &|lot| lot.condition == condition)?;
     }
     row("all", &|_| true)?;
     writeln!(page)?;
@@ -194,9 +194,14 @@ fn lost(lots: &[Lot], page: &mut String) -> Result<()> {
             let withheld = if case.withheld { " (no candidate)" } else { "" };
             let settled = if case.is_settled { ", settled" } else { "" };
             let (truth, seen) = (&case.truth, case.visibility);
+            let shrinks = if case.truth == "none" {
+                String::new()
+            } else {
+                format!(", with which the gap closes by {:.2}", case.shrink)
+            };
             writeln!(
                 page,
-                "- {world}, {condition}, {}: {truth}{withheld} of {seen:.1}, {} first ({:.2}{settled}){}",
+                "- {world}, {condition}, {}: {truth}{withheld} of {seen:.1}{shrinks}; {} first ({:.2}{settled}){}",
                 case.case,
                 case.first,
                 case.probability,

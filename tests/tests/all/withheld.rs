@@ -51,7 +51,7 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let told = |share: Share| format!("{} of {}", share.of, share.all);
     let right = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
     let row = format!("| one effect, visibility ≥ 1: right | {0} | {0} |", told(right));
-    assert!(page.contains(&row) && page.contains(&format!("| as-stated | {} | - |", told(right))), "{page}");
+    assert!(page.contains(&row) && page.contains(&format!("| as stated | {} | - |", told(right))), "{page}");
     // Had every effect closed nothing, fewer would be named: those beside whose scatter no rest is needed, and those whose form no
     // rest has, with 0.9 at the most.
     let table = Table::read(&kept).unwrap();
