@@ -101,6 +101,11 @@ fn in_short(lots: &[Lot], page: &mut String) -> Result<()> {
         move |cases: &[&Scored]| told(share(cases.iter().copied(), choose, Scored::is_right))
     };
     row("one effect, visibility ≥ 1: right", &right(is_single))?;
+    let closes_half = |case: &Scored| is_single(case) && case.is_within() && case.shrink >= 0.5;
+    row(
+        "the same where the gap closes by half or more with it, and all is within bounds",
+        &right(closes_half),
+    )?;
     row("a base parameter outside its prior: right", &right(|case| is_single(case) && case.is_outside))?;
     row("no candidate, ≥ 2: `unexplained`, or closes less than half", &right(is_seen_without))?;
     row("none: right", &right(is_none))?;

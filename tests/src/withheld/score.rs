@@ -99,7 +99,7 @@ impl Scored {
     }
 
     /// Whether what is behind it lies within the bounds that were told.
-    fn is_within(&self) -> bool {
+    pub fn is_within(&self) -> bool {
         !self.is_outside && !self.is_beyond
     }
 
