@@ -144,7 +144,7 @@ fn by_condition(lots: &[Lot], page: &mut String) -> Result<()> {
     writeln!(
         page,
         "| condition | one effect, ≥ 1: contact | triaxial | `unexplained` or `none` first | another first, or a passenger | \
-         two | none | no candidate | wrong above 0.9 | predicted shrink held |\n|{}",
+         two, both ≥ 0.5 | none | no candidate, ≥ 2 | wrong above 0.9 | predicted shrink held |\n|{}",
         " --- |".repeat(10)
     )?;
     for condition in Condition::NAMES {
