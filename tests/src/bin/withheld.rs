@@ -10,7 +10,7 @@ use gl_table::TableWriter;
 use pipelines::withheld::bench::Bench;
 use pipelines::withheld::condition::Condition;
 use pipelines::withheld::diagnose::How;
-use pipelines::withheld::generate::{SEEN_WITHOUT, Which};
+use pipelines::withheld::generate::Which;
 use pipelines::withheld::page::page;
 use pipelines::withheld::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows,
@@ -114,30 +114,22 @@ type Group = (&'static str, fn(&Scored) -> bool);
 
 /// Groups of cases by what is behind them and how visible it is.
 const GROUPS: [Group; 13] = [
-    ("none", |case| case.truth == "none"),
-    ("one, visibility >= 1", |case| is_one(case) && case.visibility >= 1.0),
-    ("one, 0.5 to 1", |case| is_one(case) && (0.5..1.0).contains(&case.visibility)),
-    ("one, below 0.5", |case| is_one(case) && case.visibility < 0.5),
-    ("two, both >= 1", |case| case.truth.contains('+') && case.least >= 1.0),
-    ("two, both 0.5 to 1", |case| case.truth.contains('+') && (0.5..1.0).contains(&case.least)),
-    ("two, one below 0.5", |case| case.truth.contains('+') && case.least < 0.5),
-    ("no candidate, >= 2", is_seen_without),
-    ("no candidate, >= 2, beside any other >= 1", |case| is_seen_without(case) && case.imitated >= 1.0),
-    ("no candidate, >= 2, imitated by another", |case| is_seen_without(case) && case.imitated < 1.0),
+    ("none", Scored::is_of_none),
+    ("one, visibility >= 1", |case| case.is_of_one() && case.visibility >= 1.0),
+    ("one, 0.5 to 1", |case| case.is_of_one() && (0.5..1.0).contains(&case.visibility)),
+    ("one, below 0.5", |case| case.is_of_one() && case.visibility < 0.5),
+    ("two, both >= 1", |case| case.is_of_several() && case.least >= 1.0),
+    ("two, both 0.5 to 1", |case| case.is_of_several() && (0.5..1.0).contains(&case.least)),
+    ("two, one below 0.5", |case| case.is_of_several() && case.least < 0.5),
+    ("no candidate, >= 2", Scored::is_seen_without),
+    ("no candidate, >= 2, beside any other >= 1", |case| case.is_seen_without() && case.imitated >= 1.0),
+    ("no candidate, >= 2, imitated by another", |case| case.is_seen_without() && case.imitated < 1.0),
     ("no candidate, >= 2, beside two others and beyond the prior >= 1", |case| {
-        is_seen_without(case) && case.considered >= 1.0
+        case.is_seen_without() && case.considered >= 1.0
     }),
     ("no candidate, 1 to 2", |case| case.withheld && (1.0..2.0).contains(&case.visibility)),
     ("no candidate, below 1", |case| case.withheld && case.visibility < 1.0),
 ];
-
-fn is_one(case: &Scored) -> bool {
-    !case.withheld && case.truth != "none" && !case.truth.contains('+')
-}
-
-fn is_seen_without(case: &Scored) -> bool {
-    case.withheld && case.visibility >= SEEN_WITHOUT
-}
 
 fn score(cases: &[Scored]) -> Result<()> {
     let columns =
@@ -153,7 +145,7 @@ fn score(cases: &[Scored]) -> Result<()> {
         table.text(name).number(chosen.len() as f64).number(share(&Scored::is_right));
         table.number(share(&Scored::is_near)).number(share(&is_wrong));
         table.number(share(&|case| !case.is_right() && !case.is_near() && !case.names_wrong()));
-        table.number(share(&|case| case.names_wrong() && case.probability > 0.9)).end_row()
+        table.number(share(&Scored::is_confidently_wrong)).end_row()
     };
     for family in ["Plain", "Scatter", "Rig"] {
         for (group, choose) in GROUPS {
@@ -166,23 +158,23 @@ fn score(cases: &[Scored]) -> Result<()> {
         row(&format!("all: {group}"), &choose)?;
     }
     let mut names: Vec<&str> =
-        cases.iter().filter(|c| is_one(c) || c.withheld).map(|c| c.truth.as_str()).collect();
+        cases.iter().filter(|c| c.is_of_one() || c.withheld).map(|c| c.truth.as_str()).collect();
     names.sort_unstable();
     names.dedup();
     for name in names {
-        row(&format!("{name}, >= 1"), &|c| is_one(c) && c.truth == name && c.visibility >= 1.0)?;
-        row(&format!("{name} no candidate, >= 2"), &|c| is_seen_without(c) && c.truth == name)?;
+        row(&format!("{name}, >= 1"), &|c| c.is_of_one() && c.truth == name && c.visibility >= 1.0)?;
+        row(&format!("{name} no candidate, >= 2"), &|c| c.is_seen_without() && c.truth == name)?;
     }
     let mut count = |name: &str, share: Share| -> Result<()> {
         table.text(name).number(share.all as f64).number(share.of as f64);
         table.text("-").text("-").text("-").text("-").end_row()
     };
-    let none = cases.iter().filter(|case| case.truth == "none");
+    let none = cases.iter().filter(|case| case.is_of_none());
     count(
         "none: a wrong effect above 0.5",
         Share::count(none, |case| case.names_wrong() && case.probability > 0.5),
     )?;
-    let wrong = |case: &&Scored| case.names_wrong() && case.probability > 0.9;
+    let wrong = |case: &&Scored| case.is_confidently_wrong();
     count(
         "all: wrong above 0.9, of them without a warning",
         Share {
@@ -205,12 +197,12 @@ fn score(cases: &[Scored]) -> Result<()> {
     count("all: interval of a parameter holds", parameter_coverage(cases.iter(), false))?;
     count("all: interval of a parameter holds, beside a rest", parameter_coverage(cases.iter(), true))?;
     let is_seen = |case: &&Scored| {
-        case.truth == "none" || if case.truth.contains('+') { case.least } else { case.visibility } >= 0.5
+        case.is_of_none() || if case.truth.contains('+') { case.least } else { case.visibility } >= 0.5
     };
     let statements = [
         ("first rows", of_first_rows(cases.iter())),
         ("first rows, none or all effects visible from 0.5", of_first_rows(cases.iter().filter(is_seen))),
-        ("every candidate effect", of_effects(cases)),
+        ("every candidate effect", of_effects(cases.iter())),
     ];
     for (name, statements) in &statements {
         let error = calibration_error(statements);

@@ -7,7 +7,6 @@ use anyhow::{Context, Result};
 
 use super::bench;
 use super::condition::Condition;
-use super::generate::SEEN_WITHOUT;
 use super::score::{
     Scored, Share, calibration_error, calibration_error_by_chance, of_effects, of_first_rows,
     parameter_coverage, read, shrink_coverage,
@@ -34,20 +33,8 @@ impl Lot {
     }
 }
 
-fn is_pair(case: &Scored) -> bool {
-    !case.withheld && case.truth.contains('+')
-}
-
 fn is_single(case: &Scored) -> bool {
-    !case.withheld && case.truth != "none" && !is_pair(case) && case.visibility >= 1.0
-}
-
-fn is_none(case: &Scored) -> bool {
-    case.truth == "none"
-}
-
-fn is_seen_without(case: &Scored) -> bool {
-    case.withheld && case.visibility >= SEEN_WITHOUT
+    case.is_of_one() && case.visibility >= 1.0
 }
 
 /// `12 of 14`, with the share where there are enough of them for one; `-` of none.
@@ -96,7 +83,6 @@ fn in_short(lots: &[Lot], page: &mut String) -> Result<()> {
         let cells: Vec<String> = columns.iter().map(|cases| cell(cases)).collect();
         writeln!(page, "| {name} | {} |", cells.join(" | "))
     };
-    let cases = |cases: &[&Scored]| -> Vec<Scored> { cases.iter().map(|case| (*case).clone()).collect() };
     let right = |choose: fn(&Scored) -> bool| {
         move |cases: &[&Scored]| told(share(cases.iter().copied(), choose, Scored::is_right))
     };
@@ -107,10 +93,10 @@ fn in_short(lots: &[Lot], page: &mut String) -> Result<()> {
         &right(closes_half),
     )?;
     row("a base parameter outside its prior: right", &right(|case| is_single(case) && case.is_outside))?;
-    row("no candidate, ≥ 2: `unexplained`, or closes less than half", &right(is_seen_without))?;
-    row("none: right", &right(is_none))?;
+    row("no candidate, ≥ 2: `unexplained`, or closes less than half", &right(Scored::is_seen_without))?;
+    row("none: right", &right(Scored::is_of_none))?;
     row("a wrong effect above 0.9", &|cases| {
-        let Share { of, all } = share(cases.iter().copied(), |_| true, is_wrong);
+        let Share { of, all } = share(cases.iter().copied(), |_| true, Scored::is_confidently_wrong);
         format!("{of} of {all}")
     })?;
     row("settled, and of these right", &right(|case| case.is_settled))?;
@@ -123,7 +109,7 @@ fn in_short(lots: &[Lot], page: &mut String) -> Result<()> {
         format!("{:.3} ({:.3})", calibration_error(&statements), calibration_error_by_chance(&statements))
     })?;
     row("of every candidate effect (by chance)", &|of| {
-        let statements = of_effects(&cases(of));
+        let statements = of_effects(of.iter().copied());
         format!("{:.3} ({:.3})", calibration_error(&statements), calibration_error_by_chance(&statements))
     })?;
     row("runs of a case, in the mean", &|cases| {
@@ -134,10 +120,6 @@ fn in_short(lots: &[Lot], page: &mut String) -> Result<()> {
     })?;
     writeln!(page)?;
     Ok(())
-}
-
-fn is_wrong(case: &Scored) -> bool {
-    case.names_wrong() && case.probability > 0.9
 }
 
 fn by_condition(lots: &[Lot], page: &mut String) -> Result<()> {
@@ -161,10 +143,10 @@ fn by_condition(lots: &[Lot], page: &mut String) -> Result<()> {
             told(share(of("triaxial"), is_single, Scored::is_right)),
             share(all(), is_single, |case| !case.is_right() && says_none(case)).of.to_string(),
             share(all(), is_single, |case| !case.is_right() && !says_none(case)).of.to_string(),
-            told(share(all(), |case| is_pair(case) && case.least >= 0.5, Scored::is_right)),
-            told(share(all(), is_none, Scored::is_right)),
-            told(share(all(), is_seen_without, Scored::is_right)),
-            share(all(), |_| true, is_wrong).of.to_string(),
+            told(share(all(), |case| case.is_of_several() && case.least >= 0.5, Scored::is_right)),
+            told(share(all(), Scored::is_of_none, Scored::is_right)),
+            told(share(all(), Scored::is_seen_without, Scored::is_right)),
+            share(all(), |_| true, Scored::is_confidently_wrong).of.to_string(),
             told(shrink_coverage(all())),
         ];
         writeln!(page, "| {} | {} |", Condition::named(condition)?.told(), cells.join(" | "))?;
@@ -193,13 +175,13 @@ fn intervals(lots: &[Lot], page: &mut String) -> Result<()> {
 
 fn lost(lots: &[Lot], page: &mut String) -> Result<()> {
     for Lot { world, condition, cases } in lots {
-        let is_asked = |case: &&Scored| is_single(case) || is_none(case) || is_seen_without(case);
+        let is_asked = |case: &&Scored| is_single(case) || case.is_of_none() || case.is_seen_without();
         let is_lost = |case: &&Scored| is_asked(case) && !case.is_right();
-        for case in cases.iter().filter(|case| is_lost(case) || is_wrong(case)) {
+        for case in cases.iter().filter(|case| is_lost(case) || case.is_confidently_wrong()) {
             let withheld = if case.withheld { " (no candidate)" } else { "" };
             let settled = if case.is_settled { ", settled" } else { "" };
             let (truth, seen) = (&case.truth, case.visibility);
-            let shrinks = if case.truth == "none" {
+            let shrinks = if case.is_of_none() {
                 String::new()
             } else {
                 format!(", with which the gap closes by {:.2}", case.shrink)

@@ -8,6 +8,8 @@ use gl_table::Table;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::generate::SEEN_WITHOUT;
+
 /// An effect that closes less of the gap than this is no cause of it.
 const LITTLE: f64 = 0.5;
 
@@ -83,19 +85,44 @@ impl Known {
 impl Scored {
     /// The row that should come first.
     pub fn right(&self) -> &str {
-        if self.withheld || (self.has_rest && self.truth == "none") { "unexplained" } else { &self.truth }
+        if self.withheld || (self.has_rest && self.is_of_none()) { "unexplained" } else { &self.truth }
     }
 
     /// Whether it does.
     pub fn is_right(&self) -> bool {
         // Without a wider prior something else is at work indeed.
-        let is_told = self.is_outside && self.truth == "none" && self.first == "unexplained";
+        let is_told = self.is_outside && self.is_of_none() && self.first == "unexplained";
         self.first == self.right() || is_told || (self.right() == "unexplained" && self.closes_little())
+    }
+
+    /// Whether nothing is behind it.
+    pub fn is_of_none(&self) -> bool {
+        self.truth == "none"
+    }
+
+    /// Whether one candidate is behind it.
+    pub fn is_of_one(&self) -> bool {
+        !self.withheld && !self.is_of_none() && !self.truth.contains('+')
+    }
+
+    /// Whether several candidates are.
+    pub fn is_of_several(&self) -> bool {
+        !self.withheld && self.truth.contains('+')
+    }
+
+    /// Whether an effect is that is no candidate and can be seen.
+    pub fn is_seen_without(&self) -> bool {
+        self.withheld && self.visibility >= SEEN_WITHOUT
+    }
+
+    /// Whether an effect is named with confidence that is not at work.
+    pub fn is_confidently_wrong(&self) -> bool {
+        self.names_wrong() && self.probability > 0.9
     }
 
     /// Whether that is an effect.
     fn is_right_cause(&self) -> bool {
-        self.is_right() && !self.withheld && self.truth != "none"
+        self.is_right() && !self.withheld && !self.is_of_none()
     }
 
     /// Whether what is behind it lies within the bounds that were told.
@@ -250,11 +277,10 @@ pub fn of_first_rows<'a>(cases: impl Iterator<Item = &'a Scored>) -> Vec<Stateme
 }
 
 /// What is stated about every candidate effect.
-pub fn of_effects(cases: &[Scored]) -> Vec<Statement> {
+pub fn of_effects<'a>(cases: impl Iterator<Item = &'a Scored>) -> Vec<Statement> {
     let is_in =
         |case: &Scored, name: &str| !case.withheld && case.truth.split('+').any(|truth| truth == name);
     cases
-        .iter()
         .flat_map(|case| case.effects.iter().map(move |(name, stated)| (*stated, is_in(case, name))))
         .collect()
 }

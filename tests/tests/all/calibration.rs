@@ -83,7 +83,7 @@ fn batches_of_an_emulator_are_weighed_where_the_runs_have_to_do() {
 #[test]
 fn what_the_data_cannot_tell_stays_uncertain() {
     let (mut held, mut said, mut sds) = (0, 0, Vec::new());
-    for seed in 1..4 {
+    for seed in 1..6 {
         let folder = Folder::default();
         copy_case(&folder, "collision", &[("seed", &seed.to_string())]);
         let (_, stderr) = finish(&mut calibrate(&folder, "embedded", "out"));
@@ -96,8 +96,8 @@ fn what_the_data_cannot_tell_stays_uncertain() {
     let mean = sds.iter().sum::<f64>() / sds.len() as f64;
     assert!((0.125..0.165).contains(&mean), "standard deviations {sds:?}");
     assert!(sds.iter().all(|sd| (0.1..0.2).contains(sd)), "standard deviations {sds:?}");
-    assert!(held >= 2, "{held} of 3 intervals hold the truth");
-    assert!(said >= 2, "said {said} times of 3");
+    assert!(held >= 4, "{held} of 5 intervals hold the truth");
+    assert!(said >= 4, "said {said} times of 5");
 }
 
 /// Emulated samples between the iterations: 30 runs an iteration, and the ridge is found by the fifth.

@@ -26,16 +26,13 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     let share = |choose: &dyn Fn(&Scored) -> bool, so: &dyn Fn(&Scored) -> bool| {
         Share::count(cases.iter().filter(|case| choose(case)), so)
     };
-    let one = |case: &Scored| !case.withheld && case.truth != "none" && !case.truth.contains('+');
-    let visible = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
+    let visible = share(&|case| case.is_of_one() && case.visibility >= 1.0, &Scored::is_right);
     assert!(visible.all >= 4 && visible.of + 1 >= visible.all, "one effect: {visible:?} {cases:#?}");
-    let none = share(&|case| case.truth == "none", &|case| case.names_wrong() && case.probability > 0.5);
+    let none = share(&Scored::is_of_none, &|case| case.names_wrong() && case.probability > 0.5);
     assert!(none.all == 3 && none.of == 0, "no effect: {none:?} {cases:#?}");
-    let unknown = share(&|case| case.withheld && case.visibility >= 2.0, &|case| {
-        case.names_wrong() && case.probability > 0.9
-    });
+    let unknown = share(&Scored::is_seen_without, &Scored::is_confidently_wrong);
     assert_eq!(unknown.of, 0, "no candidate: {cases:#?}");
-    let error = calibration_error(&of_effects(&cases));
+    let error = calibration_error(&of_effects(cases.iter()));
     assert!(error < 0.08, "{error}");
     // By the same rules the same comes first, without runs; what is kept of a hypothesis is all that they ask for.
     let said = |cases: &[Scored]| -> Vec<String> {
@@ -49,9 +46,11 @@ fn withheld_effects_of_the_contact_are_found_and_no_others_are_named() {
     assert_eq!(said(&read(&dir).unwrap()), said(&cases));
     let page = page(std::slice::from_ref(&dir)).unwrap();
     let told = |share: Share| format!("{} of {}", share.of, share.all);
-    let right = share(&|case| one(case) && case.visibility >= 1.0, &Scored::is_right);
-    let row = format!("| one effect, visibility ≥ 1: right | {0} | {0} |", told(right));
-    assert!(page.contains(&row) && page.contains(&format!("| as stated | {} | - |", told(right))), "{page}");
+    let row = format!("| one effect, visibility ≥ 1: right | {0} | {0} |", told(visible));
+    assert!(
+        page.contains(&row) && page.contains(&format!("| as stated | {} | - |", told(visible))),
+        "{page}"
+    );
     // Had every effect closed nothing, fewer would be named: those beside whose scatter no rest is needed, and those whose form no
     // rest has, with 0.9 at the most.
     let table = Table::read(&kept).unwrap();

@@ -7,7 +7,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Parser;
 use gl_cli::measured::{Measured, Measurement};
 use gl_gap::attribute::attribution::draws::{Drawn, draws};
@@ -217,11 +217,26 @@ fn check(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// The prior as it was believed, and where it was read.
+fn believed(path: &Path, prior: &Prior, args: &Args) -> Result<(Prior, String)> {
+    let believed = Prior::read(path)?;
+    let known = believed.names();
+    if let Some(name) = prior.names().into_iter().find(|name| !known.contains(name)) {
+        bail!(
+            "{}: no row {name}, which {} has; --prior is the same parameters with the bounds that were believed",
+            path.display(),
+            args.params.display()
+        );
+    }
+    Ok((believed, path.display().to_string()))
+}
+
 fn run(args: &Args) -> Result<()> {
     check(args)?;
     let prior = Prior::read(&args.params)?;
     let samples = Samples::read(&args.samples)?;
     let Seen { observations, tests, first, whole, noise, ensemble } = Seen::read(args)?;
+    let believed = args.prior.as_ref().map(|path| believed(path, &prior, args)).transpose()?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
     let runs = (&samples, &ensemble);
     let simulation = Simulation::new(&prior, runs, &observations.values, noise.as_ref(), args.seed)?;
@@ -235,22 +250,11 @@ fn run(args: &Args) -> Result<()> {
     if noise.is_none() {
         note("no noise is given: it is estimated with the fit; --noise makes the verdict sharper");
     }
-    let believed =
-        args.prior.as_ref().map(|path| Ok::<_, anyhow::Error>((Prior::read(path)?, path.display())));
-    let believed = believed.transpose()?.map(|(prior, path)| (prior, path.to_string()));
     let measured = (&observations, tests.clone());
     let mut problem =
         Problem::of_tests(&simulation, &prior, candidates.clone(), measured, noise, args.scatter)?
             .in_units(&args.units);
-    if let Some((believed, path)) = &believed {
-        let known = believed.names();
-        let unknown = prior.names().into_iter().find(|name| !known.contains(name));
-        ensure!(
-            unknown.is_none(),
-            "{path}: no row {}, which {} has; --prior is the same parameters with the bounds that were believed",
-            unknown.unwrap_or_default(),
-            args.params.display()
-        );
+    if let Some((believed, _)) = &believed {
         problem = problem.believing(believed);
     }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
