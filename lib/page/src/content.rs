@@ -57,6 +57,8 @@ struct Answer {
     value: String,
     /// Whether no run shows that it closes anything.
     is_unproven: bool,
+    /// Whether noise alone may make what something unknown does.
+    may_be_noise: bool,
     /// Whether runs with it in the simulation leave it open that the gap closes at all.
     is_refuted: bool,
     /// How much of the gap closed with it in the simulation, in per cent, where that is less than half.
@@ -287,6 +289,7 @@ impl Content {
             code: answer.code.clone(),
             value: answer.value.clone(),
             is_unproven: all.iter().any(|sentence| sentence.code == "untried"),
+            may_be_noise: all.iter().any(|sentence| sentence.code == "measure-again"),
             is_refuted: measured.is_some_and(|of| verdict::closes_nothing(&of.verdict)),
             closed: measured.and_then(|of| verdict::closes_little(&of.verdict)),
             misfits: !all.iter().any(|sentence| matches!(sentence.code.as_str(), NOISE_SCALE | "outliers"))

@@ -15,7 +15,7 @@ use gl_gap::attribute::problem::measurement::MeasurementEffect;
 use gl_gap::attribute::problem::predictor::Predictor;
 use gl_gap::attribute::problem::simulation::Simulation;
 use gl_gap::attribute::rounds::{Course, Rounds, Standing, Step};
-use gl_gap::attribute::settled::is_settled;
+use gl_gap::attribute::settled::{is_settled, may_be_noise};
 use gl_gap::attribute::winner::cause;
 use gl_gap::design_box::{self, Limit, Pull, widen};
 use gl_inference::design::{self, Effects};
@@ -174,7 +174,7 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
             is_beside_a_rest: diagnosis.first().has_rest,
             ignorance: diagnosis.least_known(),
             is_untried: !diagnosis.untried.is_empty(),
-            is_unsettled: !is_settled,
+            is_unsettled: !is_settled && !may_be_noise(&diagnosis),
         };
         let is_wider = design_box::with_beyond(&shared.prior, &design.prior)?.is_some();
         let runs = design.ensemble.len();

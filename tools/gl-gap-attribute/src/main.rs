@@ -214,7 +214,7 @@ fn check(args: &Args) -> Result<()> {
     gl_cli::distinct(outputs.into_iter().chain(more).map(Option::as_ref))?;
     ensure!(args.max_effects > 0, "--max-effects 0: consider at least one effect");
     ensure!(args.next != Some(0), "--next 0: run at least one sample next");
-    Ok(())
+    sample_names(&args.name, args.iteration, 1).map(|_| ())
 }
 
 /// The prior as it was believed, and where it was read.
@@ -238,6 +238,16 @@ fn run(args: &Args) -> Result<()> {
     let Seen { observations, tests, first, whole, noise, ensemble } = Seen::read(args)?;
     let believed = args.prior.as_ref().map(|path| believed(path, &prior, args)).transpose()?;
     let candidates = candidates(&prior, &samples, &ensemble, &args.measurement, &tests)?;
+    let design = Design {
+        prior: &prior,
+        samples: &samples,
+        ensemble: &ensemble,
+        candidates: &candidates,
+        scatter: args.scatter,
+    };
+    if let Some(count) = args.self_check {
+        design.runs_to_check(args.max_effects, count)?;
+    }
     let runs = (&samples, &ensemble);
     let simulation = Simulation::new(&prior, runs, &observations.values, noise.as_ref(), args.seed)?;
     if simulation.missing() > 0 {
@@ -270,13 +280,6 @@ fn run(args: &Args) -> Result<()> {
     })?;
     if let Some(count) = args.self_check {
         let noise = diagnosis::noise(&problem, &diagnosis);
-        let design = Design {
-            prior: &prior,
-            samples: &samples,
-            ensemble: &ensemble,
-            candidates: &candidates,
-            scatter: args.scatter,
-        };
         let measured = (&observations, tests.as_slice());
         let checked = self_check(&design, measured, &noise, args.max_effects, count, args.seed)?;
         summary(&checked).iter().for_each(note);

@@ -129,6 +129,7 @@ fn run(args: &Args) -> Result<()> {
         bail!("--next {next}: give at most {MOST_NEXT}, which are chosen by what they tell together");
     }
     ensure!(args.next != Some(0), "--next 0: give at least 1 sample to run next");
+    sample_names(&args.name, 0, 1)?;
 
     let steps = measurement.steps(args.steps)?;
     let places = measurement.places(&steps);

@@ -53,10 +53,11 @@ pub const UNEXPLAINED: &str = "unexplained";
 /// Share of the gap that a cause closes at the least: what closes less is a part of what is behind it.
 pub const MOST: f64 = 0.5;
 
-/// The same of what closes nearly all of it, and ln odds by which the measurement may be less likely with that than with
-/// something else, and nearly as likely.
+/// The same of what closes nearly all of it.
 const NEARLY_ALL: f64 = 0.8;
-const NEARLY_AS_LIKELY: f64 = 3.0;
+
+/// ln odds by which a measurement may be less likely with one explanation than with another, and nearly as likely.
+pub const NEARLY_AS_LIKELY: f64 = 3.0;
 
 /// One hypothesis after the measurement.
 #[derive(Clone, Debug)]

@@ -480,6 +480,8 @@ fn ranges(observations: &Observations, tests: &[Test]) -> Result<Vec<f64>> {
             ranges[j] = scale(&observations.values[j]);
         }
     }
+    let is_alone = tests.iter().all(|test| test.name.is_empty() && test.steps() == 1);
+    ensure!(!is_alone, "{}: one step is to be compared; give at least two (--steps)", observations.source);
     for (name, &range) in observations.names.iter().zip(&ranges) {
         ensure!(range > 0.0, "{}: {name} is the same at every step; leave it out", observations.source);
     }

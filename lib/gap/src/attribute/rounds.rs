@@ -73,7 +73,7 @@ pub struct Standing {
     pub ignorance: f64,
     /// Whether effects are left of which the emulator knows too little to rule them out.
     pub is_untried: bool,
-    /// Whether what comes first is said with reserve.
+    /// Whether what comes first is said with reserve, and not with one that only another measurement takes away.
     pub is_unsettled: bool,
 }
 
@@ -101,7 +101,8 @@ impl Standing {
         };
         let (emulator, untried) = (said("emulator"), said("untried").or(said("rival-untried")));
         let ignorance = emulator.into_iter().chain(untried).fold(0.0, f64::max);
-        let is_unsettled = (0..verdict.len()).any(|row| verdict.field(row, code) == "unsettled");
+        let is_said = |wanted: &str| (0..verdict.len()).any(|row| verdict.field(row, code) == wanted);
+        let is_unsettled = is_said("unsettled") && !is_said("measure-again");
         Ok(Self {
             cause,
             probability,
@@ -258,6 +259,8 @@ mod tests {
         let rival = of("emulator\t0.7\tuncertain\nrival-untried\t1.4\ttoo little\n");
         assert_eq!([known.ignorance, unknown.ignorance, rival.ignorance], [0.7, 1.6, 1.4]);
         assert!(rival.is_untried);
+        let noise = of("unsettled\tunexplained\tsomething\nmeasure-again\t6\tonce more\n");
+        assert!(of("unsettled\tunexplained\tsomething\n").is_unsettled && !noise.is_unsettled);
         assert!(!known.asks_for_further(POINTED));
         let asked: Vec<usize> = (POINTED..20).filter(|pointed| unknown.asks_for_further(*pointed)).collect();
         assert_eq!(asked, Vec::from_iter(POINTED..POINTED + FURTHER));

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::attribute::attribution::{UNEXPLAINED, attribute};
 use crate::attribute::evidence::mode::standard_normal;
 use crate::attribute::problem::Problem;
-use crate::attribute::problem::hypothesis::{Candidate, name};
+use crate::attribute::problem::hypothesis::{Candidate, Hypothesis, name};
 use crate::attribute::problem::simulation::Simulation;
 use crate::attribute::problem::test::Test;
 use gl_inference::ensemble::Ensemble;
@@ -47,6 +47,38 @@ pub struct Design<'a> {
     pub scatter: f64,
 }
 
+impl Design<'_> {
+    /// The candidates that are on in each run.
+    fn truths(&self) -> Result<Vec<Hypothesis>> {
+        let values = self.samples.of_runs(&self.prior.names(), self.ensemble)?;
+        let is_on = |candidate: &Candidate, values: &[f64]| match candidate {
+            Candidate::Measured(_) => false,
+            Candidate::Simulated(effect) => self.prior.is_on(effect, values),
+        };
+        let truth = |values: &Vec<f64>| {
+            (0..self.candidates.len()).filter(|&i| is_on(&self.candidates[i], values)).collect()
+        };
+        Ok(values.iter().map(truth).collect())
+    }
+
+    /// The runs that have up to `largest` effects on, and what is on in each run.
+    ///
+    /// # Errors
+    /// If there are fewer than `count`.
+    pub fn runs_to_check(&self, largest: usize, count: usize) -> Result<(Vec<usize>, Vec<Hypothesis>)> {
+        let truths = self.truths()?;
+        let runs: Vec<usize> = (0..truths.len()).filter(|&run| truths[run].len() <= largest).collect();
+        ensure!(
+            count <= runs.len(),
+            "--self-check {count}: {} of {} runs have up to {largest} effects on and can be called the measurement; give at most {}",
+            runs.len(),
+            truths.len(),
+            runs.len()
+        );
+        Ok((runs, truths))
+    }
+}
+
 /// Take `count` runs out of the design, up to a tenth of it at a time, add noise to each, and diagnose
 /// it by an emulator of the runs that are left. Only runs with up to `largest` effects are taken.
 ///
@@ -62,23 +94,8 @@ pub fn self_check(
     count: usize,
     seed: u64,
 ) -> Result<Vec<Checked>> {
-    let values = design.samples.of_runs(&design.prior.names(), design.ensemble)?;
-    let truth = |run: usize| -> Vec<usize> {
-        let is_on = |candidate: &Candidate| match candidate {
-            Candidate::Measured(_) => false,
-            Candidate::Simulated(effect) => design.prior.is_on(effect, &values[run]),
-        };
-        (0..design.candidates.len()).filter(|&i| is_on(&design.candidates[i])).collect()
-    };
+    let (mut runs, truths) = design.runs_to_check(largest, count)?;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut runs: Vec<usize> =
-        (0..design.ensemble.len()).filter(|&run| truth(run).len() <= largest).collect();
-    ensure!(
-        count <= runs.len(),
-        "--self-check {count}: {} runs of {} have up to {largest} effects on",
-        runs.len(),
-        design.ensemble.len()
-    );
     runs.shuffle(&mut random);
     runs.truncate(count);
     let group = (design.ensemble.len() / AT_ONCE).max(1);
@@ -120,7 +137,7 @@ pub fn self_check(
             };
             checked.push(Checked {
                 sample: design.ensemble.samples[run].clone(),
-                truth: name(&truth(run), design.candidates),
+                truth: name(&truths[run], design.candidates),
                 first: cause,
                 probability: attribution.probability_of(best),
             });

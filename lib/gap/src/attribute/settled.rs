@@ -1,7 +1,7 @@
 //! Whether a diagnosis is settled: what it would take to say it without reserve.
 
 use crate::attribute::attribution::untried::{KNOWN, Untried, ignorance};
-use crate::attribute::attribution::{Explanation, MOST};
+use crate::attribute::attribution::{Explanation, MOST, NEARLY_AS_LIKELY};
 use crate::attribute::diagnosis::Diagnosis;
 use crate::attribute::evidence::adequacy::FITS;
 use crate::attribute::problem::Problem;
@@ -25,7 +25,7 @@ pub fn is_settled(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
         let has_rival = !is_tried || diagnosis.confounded().is_some() || !is_clear_of_unknown(diagnosis);
         !has_rival && !base_fits(problem, diagnosis) && diagnosis.ignorance < UNSURE
     } else if first.has_rest {
-        may_close(diagnosis).is_none() && diagnosis.confounded().is_none()
+        !has_rival_of_unknown(diagnosis) && !may_be_noise(diagnosis)
     } else {
         first.doubted() == 0.0 && base_misfit(problem, diagnosis).is_none()
     }
@@ -44,6 +44,19 @@ pub fn base_fits(problem: &Problem<'_>, diagnosis: &Diagnosis) -> bool {
         && !needs_more_noise(problem, base, first)
         && base.singular.outliers.len() <= first.singular.outliers.len()
         && ignorance(problem, base) <= KNOWN
+}
+
+/// Whether an effect may do what something unknown does that comes first.
+fn has_rival_of_unknown(diagnosis: &Diagnosis) -> bool {
+    may_close(diagnosis).is_some() || diagnosis.confounded().is_some()
+}
+
+/// Whether something unknown comes first without an effect as its rival, and the measurement is nearly as likely with the base
+/// model alone: only what was believed of the noise tells them apart, and no run would.
+pub fn may_be_noise(diagnosis: &Diagnosis) -> bool {
+    let (base, first) = (diagnosis.attribution.base(), diagnosis.first());
+    let is_near = first.evidence.ln - base.evidence.ln < NEARLY_AS_LIKELY;
+    first.is_unknown() && is_near && !has_rival_of_unknown(diagnosis)
 }
 
 /// What the base model leaves where that is no noise as it was stated, by the test that all tools share. Where the

@@ -12,7 +12,8 @@ use crate::attribute::diagnosis::{Diagnosis, shrink};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{Candidate, name};
 use crate::attribute::settled::{
-    SETTLED, alternation_left, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_close,
+    SETTLED, alternation_left, base_fits, base_misfit, is_clear_of_unknown, is_settled, may_be_noise,
+    may_close,
 };
 use gl_inference::path::short;
 
@@ -92,6 +93,10 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
         add_as_likely(verdicts, problem, diagnosis, of);
         return;
     }
+    if may_be_noise(diagnosis) {
+        add_or_noise(verdicts, problem, diagnosis);
+        return;
+    }
     let text = match diagnosis.attribution.nearest() {
         None if is_settled => {
             format!("something else than the base model is at work, probability {first:.2}")
@@ -123,6 +128,27 @@ fn add_unknown(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagn
     } else {
         verdicts.add("unsettled", UNEXPLAINED, text);
     }
+}
+
+/// That something unknown comes first, though the measurement is nearly as likely with noise alone.
+fn add_or_noise(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnosis: &Diagnosis) {
+    let (first, base) = (diagnosis.first(), diagnosis.attribution.base());
+    let times = (first.evidence.ln - base.evidence.ln).exp();
+    let likely = if times < 1.5 {
+        "as likely".to_owned()
+    } else {
+        format!("only {} times as likely as", short(times))
+    };
+    verdicts.add("unsettled", UNEXPLAINED, format!(
+        "something else than the base model seems to be at work, probability {:.2}; but the measurement is {likely} with the base model and {}",
+        diagnosis.stated(),
+        noise::told(problem, base)
+    ));
+    verdicts.add(
+        "measure-again",
+        times,
+        "a second measurement would tell: noise would be another one, and all else the same",
+    );
 }
 
 /// That something unknown comes first, though the measurement is as likely with an effect.
@@ -491,6 +517,32 @@ mod tests {
         assert!(said.contains("none of the candidates explains the measurement"), "{said}");
         let said = said_of_something_unknown(0.6, 1e-8);
         assert!(said.contains("seems to be at work, probability 0.60, or wave, probability"), "{said}");
+    }
+
+    #[test]
+    fn something_unknown_that_may_be_noise_is_not_settled_and_a_second_measurement_asked_for() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let codes = |ahead: f64| {
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations.sort_by_key(|of| !of.is_unknown());
+            let first = &mut diagnosis.attribution.explanations[0];
+            first.probability = 0.99;
+            let ln = first.evidence.ln;
+            let base = diagnosis.attribution.explanations.iter_mut().find(|of| of.name == "none").unwrap();
+            base.evidence.ln = ln - ahead;
+            let mut verdicts = Verdicts::default();
+            add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
+            verdicts.rows.into_iter().map(|said| (said.code, said.text)).collect::<Vec<_>>()
+        };
+        let [(answer, text), (again, _)] = &codes(2.0)[..] else { panic!() };
+        assert_eq!((answer.as_str(), again.as_str()), ("unsettled", "measure-again"));
+        assert!(
+            text.contains("only 7.39 times as likely as with the base model and a noise of y "),
+            "{text}"
+        );
+        assert_eq!(codes(4.0).len(), 1);
     }
 
     #[test]

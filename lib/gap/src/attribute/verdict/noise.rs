@@ -37,6 +37,22 @@ pub(super) fn like_a_rest<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Opt
     most.map(|(name, (scale, _))| (name.as_str(), scale))
 }
 
+/// The noise under an explanation, where it is otherwise than stated or correlated.
+pub(super) fn told(problem: &Problem<'_>, of: &Explanation) -> String {
+    let found = found(problem, of);
+    let phi = of.model(problem).nuisances(of.best()).phi;
+    let of_observable = |(name, phi): (&String, f64)| {
+        let scale = found.iter().find(|(found, _)| found == name);
+        let scale = scale.map(|(_, scale)| format!("{} times what was stated", short(*scale)));
+        let correlated =
+            (phi > CORRELATED).then(|| format!("correlated from one reading to the next by about {phi:.1}"));
+        let both: Vec<String> = scale.into_iter().chain(correlated).collect();
+        (!both.is_empty()).then(|| format!("of {name} {}", both.join(", and ")))
+    };
+    let all: Vec<String> = problem.observables.iter().zip(phi).filter_map(of_observable).collect();
+    if all.is_empty() { "noise alone".to_owned() } else { format!("a noise {}", all.join(", ")) }
+}
+
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let nuisances = first.model(problem).nuisances(first.best());
