@@ -130,7 +130,7 @@ pub fn widen(prior: &Prior, narrowed: &Prior, leans: &[Pull], limit: Limit) -> R
     let mut parameters = Vec::new();
     for parameter in narrowed.parameters() {
         let name = parameter.name.as_str();
-        let whole = prior.parameters().iter().find(|whole| whole.name == name);
+        let whole = prior.parameter(name);
         let whole =
             whole.with_context(|| format!("the box has a parameter {name}, which the prior has not"))?;
         let (low, high) = parameter.scaled_bounds();
@@ -194,7 +194,7 @@ fn beyond(bound: f64, whole: &Parameter, limit: Limit, side: f64) -> f64 {
 /// If a parameter of the box is not in the prior.
 pub fn within_runs(prior: &Prior, wider: &Prior, made: &[Vec<f64>], done: &[Vec<f64>]) -> Result<Prior> {
     let trimmed = |(j, own): (usize, &Parameter)| {
-        let whole = prior.parameters().iter().find(|whole| whole.name == own.name);
+        let whole = prior.parameter(&own.name);
         let whole = whole
             .with_context(|| format!("the box has a parameter {}, which the prior has not", own.name))?;
         let count = |runs: &[Vec<f64>], is_out: &dyn Fn(f64) -> bool| {
@@ -220,7 +220,7 @@ pub fn within_runs(prior: &Prior, wider: &Prior, made: &[Vec<f64>], done: &[Vec<
 /// If a parameter of the prior is not in the box.
 pub fn with_beyond(prior: &Prior, wider: &Prior) -> Result<Option<Prior>> {
     let joined = |whole: &Parameter| {
-        let own = wider.parameters().iter().find(|own| own.name == whole.name);
+        let own = wider.parameter(&whole.name);
         let own = own.with_context(|| format!("the box has no parameter {}", whole.name))?;
         let mut joined = whole.clone();
         (joined.lower, joined.upper) = (whole.lower.min(own.lower), whole.upper.max(own.upper));
@@ -237,7 +237,7 @@ pub fn with_beyond(prior: &Prior, wider: &Prior) -> Result<Option<Prior>> {
 /// If a parameter of the box is not in one of them.
 pub fn reaching(narrow: &Prior, prior: &Prior, wider: &Prior) -> Result<Prior> {
     let of = |prior: &Prior, name: &str| {
-        let found = prior.parameters().iter().find(|parameter| parameter.name == name).cloned();
+        let found = prior.parameter(name).cloned();
         found.with_context(|| format!("the box has a parameter {name}, which the prior has not"))
     };
     let reaching = |own: &Parameter| {

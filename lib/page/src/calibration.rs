@@ -168,12 +168,12 @@ impl Calibration {
     /// # Errors
     /// If the summary lacks a quantity.
     pub fn estimates(&self, prior: &Prior) -> Result<Vec<Estimate>> {
-        let known = |name: &str| prior.parameters().iter().find(|parameter| parameter.name == name);
         let estimate = |name: String| {
+            let known = prior.parameter(&name);
             let of = |quantity: &str| self.posterior.number(&format!("{quantity}({name})"));
             Ok(Estimate {
-                unit: known(&name).and_then(|parameter| parameter.unit.clone()).unwrap_or_default(),
-                is_log: known(&name).is_some_and(|parameter| parameter.scale == Scale::Log),
+                unit: known.and_then(|parameter| parameter.unit.clone()).unwrap_or_default(),
+                is_log: known.is_some_and(|parameter| parameter.scale == Scale::Log),
                 mean: of("mean")?,
                 sd: of("sd")?,
                 low: of("q05")?,

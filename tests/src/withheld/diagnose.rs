@@ -208,7 +208,8 @@ fn verdict(bench: &Bench, how: How, shared: &Design, case: &Case) -> Result<Verd
                     .believing(&shared.prior);
                 let diagnosis = &found.diagnosis;
                 let explanations = &diagnosis.attribution.explanations;
-                let runs = next_runs(&problem, explanations, &diagnosis.untried, count, how.seed)?;
+                let made = design.samples.columns(&design.prior.names())?;
+                let runs = next_runs(&problem, explanations, &diagnosis.untried, &made, (count, how.seed))?;
                 (design.prior.clone(), runs)
             }
             (Step::Widen | Step::End, _) => return Ok(found),

@@ -263,7 +263,7 @@ fn noise(runs: &Runs, misfits: &Misfits, values: &[Vec<f64>]) -> NoiseModel {
 /// Bounds of each parameter, those of its prior or a little more than the range of its samples, and
 /// the standard deviations of the priors if they are known.
 fn ranges(prior: Option<&Prior>, samples: &Samples) -> (Vec<Range>, Option<Vec<f64>>) {
-    let known = |name: &String| prior.into_iter().flat_map(Prior::parameters).find(|p| p.name == *name);
+    let known = |name: &String| prior.and_then(|prior| prior.parameter(name));
     let room = 1.0 / samples.len() as f64;
     let of = |(j, name): (usize, &String)| {
         if let Some(p) = known(name) {

@@ -269,7 +269,7 @@ fn run(args: &Args) -> Result<()> {
     }
     let diagnosis = diagnose(&problem, args.max_effects, args.seed)?;
     let tested: Vec<(&Test, usize)> = tests.iter().zip(first).collect();
-    write_beside(args, &problem, &diagnosis, (&observations, &tested))?;
+    write_beside(args, &problem, &diagnosis, (&observations, &tested, &samples))?;
     if let Some(path) = &args.rig_out {
         write_rig(path, &problem, &diagnosis, (&whole, &tested))?;
     }
@@ -292,7 +292,7 @@ fn write_beside(
     args: &Args,
     problem: &Problem<'_>,
     diagnosis: &Diagnosis,
-    (observations, tests): (&Observations, &[(&Test, usize)]),
+    (observations, tests, samples): (&Observations, &[(&Test, usize)], &Samples),
 ) -> Result<()> {
     if let Some(path) = &args.effects_out {
         write_effects(path, diagnosis)?;
@@ -320,7 +320,7 @@ fn write_beside(
     }
     if let Some(path) = &args.next_out {
         let count = args.next.unwrap_or(10 * problem.prior.parameters().len());
-        write_next(path, count, args, problem, diagnosis)?;
+        write_next(path, count, args, (problem, diagnosis), samples)?;
     }
     Ok(())
 }
@@ -525,12 +525,13 @@ fn write_next(
     path: &Path,
     count: usize,
     args: &Args,
-    problem: &Problem<'_>,
-    diagnosis: &Diagnosis,
+    (problem, diagnosis): (&Problem<'_>, &Diagnosis),
+    samples: &Samples,
 ) -> Result<()> {
     let names = sample_names(&args.name, args.iteration, count)?;
-    let values =
-        next_runs(problem, &diagnosis.attribution.explanations, &diagnosis.untried, count, args.seed)?;
+    let made = samples.columns(&problem.prior.names())?;
+    let Diagnosis { attribution, untried, .. } = diagnosis;
+    let values = next_runs(problem, &attribution.explanations, untried, &made, (count, args.seed))?;
     Samples { source: "samples".to_owned(), names, parameters: problem.prior.names(), values }
         .write(Some(path), args.threads.map(NonZeroUsize::get))
 }

@@ -6,9 +6,10 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::evidence::mode::Mode;
+use crate::attribute::full_strength::at_full_strength;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{is_part, ln_prior_odds};
-use gl_inference::prior::{normal_cdf, normal_quantile};
+use gl_inference::prior::{Parameter, normal_cdf, normal_quantile};
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::moments;
 
@@ -29,12 +30,19 @@ const UNTRIED: f64 = 4.0;
 /// have misplaced it.
 const WIDER: f64 = 1.5;
 
-/// Largest normal score of a run's parameter: 0.6 % of the prior lie beyond on either side.
-const FURTHEST: f64 = 2.5;
+/// The least and the largest value of a run's parameter: 0.6 % of the prior lie beyond on either side.
+pub(super) fn furthest(parameter: &Parameter) -> [f64; 2] {
+    [-2.5, 2.5].map(|w| parameter.quantile(normal_cdf(w)))
+}
+
+/// Share of the runs at most that show effects at full strength.
+const AT_FULL_STRENGTH: usize = 3;
 
 /// Parameters of `count` runs that would teach an emulator most about this measurement, shape (count,
-/// parameters): from the posteriors, widened, of all hypotheses that are not out of the question, that the
-/// first one contains, or of whose effect the emulator knows too little.
+/// parameters): what effects do at full strength, and from the posteriors, widened, of all hypotheses that are not out of the
+/// question, that the first one contains, or of whose effect the emulator knows too little.
+///
+/// * `made` — parameters of the runs so far, shape (runs, parameters).
 ///
 /// # Errors
 /// If a posterior has no covariance.
@@ -42,11 +50,13 @@ pub fn next_runs(
     problem: &Problem<'_>,
     explanations: &[Explanation],
     untried: &[Untried],
-    count: usize,
-    seed: u64,
+    made: &[Vec<f64>],
+    (count, seed): (usize, u64),
 ) -> Result<Vec<Vec<f64>>> {
-    let mut runs = Vec::with_capacity(count);
-    for (place, share) in shares(explanations, untried, count).into_iter().enumerate() {
+    let mut runs = at_full_strength(problem, explanations, made);
+    runs.truncate(count / AT_FULL_STRENGTH);
+    let left = count - runs.len();
+    for (place, share) in shares(explanations, untried, left).into_iter().enumerate() {
         if share > 0 {
             let of = &explanations[place];
             let untried = untried.iter().find(|untried| untried.place == place);
@@ -156,7 +166,7 @@ fn draw(
         let mut values = model.values((&mean + &factor * normal).as_slice());
         for &j in free {
             let parameter = &problem.prior.parameters()[j];
-            let [low, high] = [-FURTHEST, FURTHEST].map(|w| parameter.quantile(normal_cdf(w)));
+            let [low, high] = furthest(parameter);
             values[j] = values[j].clamp(low, high);
         }
         values

@@ -86,8 +86,7 @@ fn cut_off(problem: &Problem<'_>, of: &Explanation) -> Vec<Lean> {
         return Vec::new();
     }
     let lean = |marginal: Marginal| {
-        let parameter =
-            problem.prior.parameters().iter().find(|parameter| parameter.name == marginal.name)?;
+        let parameter = problem.prior.parameter(&marginal.name)?;
         let is_upper = marginal.lean > 0;
         let is_said =
             parameter.effect.is_some() && marginal.lean != 0 && !is_towards_off(parameter, is_upper);

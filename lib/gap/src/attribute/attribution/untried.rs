@@ -241,7 +241,7 @@ mod tests {
         }
         let untried = untried(&problem, &explanations);
         let names = untried.iter().map(|of| explanations[of.place].name.clone()).collect();
-        let runs = next_runs(&problem, &explanations, &untried, 50, 1).unwrap();
+        let runs = next_runs(&problem, &explanations, &untried, &[], (50, 1)).unwrap();
         (names, runs.iter().filter(|run| run[2] != 0.0).count())
     }
 
@@ -345,7 +345,7 @@ mod tests {
             explanations.sort_by_key(|of| of.is_cause() || !of.has_rest);
             explanations.iter_mut().for_each(|of| (of.is_vague, of.closes) = (false, closes));
             let untried = untried(&problem, &explanations);
-            let runs = next_runs(&problem, &explanations, &untried, 50, 1).unwrap();
+            let runs = next_runs(&problem, &explanations, &untried, &[], (50, 1)).unwrap();
             let [Untried { ignorance, closes, elsewhere: Some(_), .. }] = untried.as_slice() else {
                 return None;
             };

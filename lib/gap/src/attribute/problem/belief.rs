@@ -23,7 +23,7 @@ impl Belief {
     /// What was believed of a parameter of wider bounds, which it is beyond with so much probability; nothing where they are not
     /// wider, or where it has a normal prior.
     fn new(parameter: &Parameter, believed: &Prior, beyond: f64) -> Option<Self> {
-        let own = believed.parameters().iter().find(|own| own.name == parameter.name)?;
+        let own = believed.parameter(&parameter.name)?;
         if parameter.normal.is_some() || own.normal.is_some() {
             return None;
         }

@@ -33,7 +33,7 @@ pub(super) fn add_beyond(
     let mut said = HashSet::new();
     for of in [first].into_iter().chain(others) {
         for Marginal { name, mean, sd, low, high, .. } in marginals(problem, of) {
-            let Some(parameter) = prior.parameters().iter().find(|parameter| parameter.name == name) else {
+            let Some(parameter) = prior.parameter(&name) else {
                 continue;
             };
             let (side, bound) = if low > parameter.upper {

@@ -56,7 +56,7 @@ pub(super) fn add_hidden(verdicts: &mut Verdicts, problem: &Problem<'_>, diagnos
         let base = problem.prior.base().len();
         let of_effect = marginals(problem, of).into_iter().skip(base);
         let within = |Marginal { name, low, high, .. }: Marginal| {
-            let parameter = problem.prior.parameters().iter().find(|parameter| parameter.name == name);
+            let parameter = problem.prior.parameter(&name);
             let off = parameter.and_then(|of| of.off).unwrap_or(0.0);
             let (times, unit) = match &problem.candidates[of.hypothesis[0]] {
                 Candidate::Measured(error) => problem.told_in(error),
