@@ -425,6 +425,9 @@ fn add_hidden(verdicts: &mut Verdicts, by_noise: &Shrink, is_unseen: bool) {
     verdicts.add("closes-by-noise", by_noise.shrink, text);
 }
 
+/// A shrink whose interval reaches from less than this, below zero, to more is not measured.
+const UNMEASURED: f64 = 0.5;
+
 /// How far the gap closes, each observable as a share of its range.
 fn add_all(verdicts: &mut Verdicts, all: &Shrink, is_unseen: bool) {
     let [the, there] = openings(is_unseen);
@@ -440,6 +443,11 @@ fn add_all(verdicts: &mut Verdicts, all: &Shrink, is_unseen: bool) {
     let closes = percent(all.shrink.abs());
     let (code, text) = if all.shrink < 0.0 {
         ("grows", format!("{the} gap has grown by {closes} % ({interval} of shrinking)."))
+    } else if all.low <= -UNMEASURED && all.high >= UNMEASURED {
+        let text = format!(
+            "{the} gap is hardly larger than what noise and scatter alone give: how far it closes cannot be measured ({interval})."
+        );
+        ("too-small", text)
     } else if all.low <= 0.0 {
         let text = format!("{the} gap closes by {closes} % ({interval}). It may not have closed at all.");
         ("may-not-close", text)

@@ -282,7 +282,11 @@ impl Content {
         let is_new = |sentence: &&Sentence| !is_told || sentence.code != NOISE_SCALE;
         let of_others = of_shrink.chain(of_unseen).chain(of_gap).filter(is_new);
         let all: Vec<&Sentence> = of_cause.chain(of_others).collect();
-        let is_doubt = |sentence: &&&Sentence| is_doubt(&sentence.code);
+        // That a gap is spread is no doubt where its cause is known.
+        let has_cause =
+            answer.is_some_and(|of| matches!(of.code.as_str(), "cause" | "cause-with-rest" | "part"));
+        let is_doubt =
+            |sentence: &&&Sentence| is_doubt(&sentence.code) && !(has_cause && sentence.code == "smooth");
         let say = |sentence: &&Sentence| sentence.text.clone();
         let named = answer.zip(self.cause.as_ref()).and_then(|(answer, of)| of.named(&answer.value));
         self.answer = answer.map(|answer| Answer {

@@ -55,6 +55,7 @@ const DOUBTS: &[&str] = &[
     "smooth",
     "grows",
     "may-not-close",
+    "too-small",
     "not-as-foretold",
 ];
 

@@ -38,7 +38,7 @@ use crate::attribute::attribution::rules::rule_out;
 use crate::attribute::attribution::untried::is_too_vague;
 use crate::attribute::attribution::visible::visible;
 use crate::attribute::evidence::adequacy::{FITS, predictive_probability};
-use crate::attribute::evidence::mode::{Mode, find, try_jumps};
+use crate::attribute::evidence::mode::{Mode, climb_from, find, try_jumps};
 use crate::attribute::evidence::model::{Model, Singular};
 use crate::attribute::evidence::{COARSE, Evidence, FINE, evidence};
 use crate::attribute::problem::Problem;
@@ -265,6 +265,11 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
+    /// ln of the largest posterior density that was found.
+    fn height(&self) -> f64 {
+        self.modes.first().map_or(f64::MIN, |mode| mode.ln_posterior)
+    }
+
     /// ln evidence to second order about the modes.
     fn rough_evidence(&self) -> f64 {
         ln_sum_exp(&self.modes.iter().map(Mode::ln_evidence).collect::<Vec<_>>())
@@ -409,8 +414,7 @@ fn search<'a>(
                     .collect();
                 if plain.is_some() {
                     // The modes without the rest are near already; of the others the best will do.
-                    let height = |found: &Found<'_>| found.modes.first().map_or(f64::MIN, |m| m.ln_posterior);
-                    smaller.sort_by(|a, b| height(b).total_cmp(&height(a)));
+                    smaller.sort_by(|a, b| b.height().total_cmp(&a.height()));
                     smaller.truncate(1);
                 }
                 let starts: Vec<Vec<f64>> = own
@@ -426,7 +430,50 @@ fn search<'a>(
             .collect();
         all.extend(more);
     }
+    for size in (0..largest).rev() {
+        let better: Vec<Found<'a>> = all
+            .par_iter()
+            .filter(|found| sets[found.place].len() == size)
+            .filter_map(|found| better(found, &all, sets, random))
+            .collect();
+        for found in better {
+            let place = found.place;
+            if let Some(own) = all.iter_mut().find(|own| own.place == place) {
+                *own = found;
+            }
+        }
+    }
     all
+}
+
+/// A set of effects fitted again where one of more effects has found a better place for it: the search for a few may end
+/// elsewhere, and an effect is not less likely than with others that do nothing.
+fn better<'a>(
+    of: &Found<'a>,
+    all: &[Found<'a>],
+    sets: &[Hypothesis],
+    random: &(impl Fn(usize) -> ChaCha8Rng + Sync),
+) -> Option<Found<'a>> {
+    /// ln density that has to be gained.
+    const BETTER: f64 = 1.0;
+    let set = &sets[of.place];
+    let is_larger = |other: &&Found<'_>| {
+        let larger = &sets[other.place];
+        larger.len() == set.len() + 1 && is_part(set, larger)
+    };
+    let larger = all.iter().filter(is_larger).max_by(|a, b| a.height().total_cmp(&b.height()))?;
+    if larger.height() <= of.height() {
+        return None;
+    }
+    let start = of.model.start_from(&larger.model, larger.modes.first()?.w.as_slice());
+    let reached = climb_from(&of.model, &start)?;
+    if reached.ln_posterior < of.height() + BETTER {
+        return None;
+    }
+    let mut model = Model::new(of.model.problem(), set, of.model.has_rest());
+    let modes = find(&mut model, &[reached.w.as_slice().to_vec()], &mut random(of.place));
+    let found = Found { place: of.place, model, modes };
+    (found.height() > of.height()).then_some(found)
 }
 
 /// ln evidence that a candidate gains in this measurement, with a rest or without, from which on it shows.

@@ -80,7 +80,7 @@ pub fn leans(problem: &Problem<'_>, explanations: &[Explanation]) -> Result<Vec<
     Ok(leans)
 }
 
-/// Parameters of effects beside a rest whose posterior leans on a bound.
+/// Parameters whose posterior leans on a bound, of effects beside a rest and of the base model there.
 fn cut_off(problem: &Problem<'_>, of: &Explanation) -> Vec<Lean> {
     if !of.has_rest || !of.is_cause() {
         return Vec::new();
@@ -88,8 +88,7 @@ fn cut_off(problem: &Problem<'_>, of: &Explanation) -> Vec<Lean> {
     let lean = |marginal: Marginal| {
         let parameter = problem.prior.parameter(&marginal.name)?;
         let is_upper = marginal.lean > 0;
-        let is_said =
-            parameter.effect.is_some() && marginal.lean != 0 && !is_towards_off(parameter, is_upper);
+        let is_said = marginal.lean != 0 && !is_towards_off(parameter, is_upper);
         is_said.then(|| Lean {
             parameter: marginal.name,
             bound: if is_upper { parameter.upper } else { parameter.lower },

@@ -84,6 +84,12 @@ pub fn find(model: &mut Model<'_>, starts: &[Vec<f64>], random: &mut ChaCha8Rng)
     modes
 }
 
+/// The mode of a model that is reached from parameters of it.
+pub fn climb_from(model: &Model<'_>, w: &[f64]) -> Option<Mode> {
+    let start = Start::at(model, vec![w.to_vec()]).next()?;
+    climb(model, start, &[], Covariance::Fitted)
+}
+
 /// The likeliest place of a model by all that the emulator knows and does not know, its nuisances as they are given.
 pub fn likeliest(model: &Model<'_>, nuisances: &[f64], random: &mut ChaCha8Rng) -> Option<Mode> {
     let drawn = |_| {

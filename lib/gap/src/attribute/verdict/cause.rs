@@ -261,9 +261,10 @@ fn add_effects(
         )
     } else {
         format!(
-            "{effects} {explains} it: probability {probability:.2}{}{}{}{}",
+            "{effects} {explains} it: probability {probability:.2}{}{}{}{}{}",
             beside_a_rest(probability - first.probability),
             with_others(diagnosis, probability),
+            one_of_them(problem, diagnosis, probability),
             by_noise(diagnosis),
             beyond_belief(diagnosis)
         )
@@ -328,6 +329,23 @@ fn with_others(diagnosis: &Diagnosis, probability: f64) -> String {
     format!("; in it, with other effects or without: {in_all:.2}")
 }
 
+/// The one of several effects that is in it with a clearly larger probability than all of them together.
+fn one_of_them(problem: &Problem<'_>, diagnosis: &Diagnosis, probability: f64) -> String {
+    /// Less is not worth a word.
+    const MUCH: f64 = 0.2;
+    let hypothesis = &diagnosis.first().hypothesis;
+    let is_in = |name: &str| {
+        hypothesis.len() > 1 && hypothesis.iter().any(|&of| problem.candidates[of].name() == name)
+    };
+    let all = diagnosis.effects.iter().filter(|(name, _)| is_in(name));
+    match all.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        Some((name, alone)) if alone - probability >= MUCH => {
+            format!("; of these {name} is in it, with whichever other: {alone:.2}")
+        }
+        _ => String::new(),
+    }
+}
+
 /// That what comes first needs a noise which something unknown does without.
 fn by_noise(diagnosis: &Diagnosis) -> String {
     let first = diagnosis.first();
@@ -381,7 +399,7 @@ fn add_errors_of_the_rig(
         format!("correct the measurement for {them}, or ")
     };
     verdicts.add("rig", names.join(","), format!(
-        "{} {are} of the rig, which no simulation makes: {correct}calibrate with {them} as rig in case.toml (gl-collect --rig)",
+        "{} {are} of the rig, which no simulation makes: look for {them} there, and {correct}calibrate with {them} as rig in case.toml (gl-collect --rig)",
         sizes.join(" and ")
     ));
 }
@@ -480,7 +498,10 @@ mod tests {
             "{text}"
         );
         let (_, text) = said("lag").unwrap();
-        assert!(text.contains(", which no simulation makes: calibrate with it as rig"), "{text}");
+        assert!(
+            text.contains(", which no simulation makes: look for it there, and calibrate with it as rig"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -37,9 +37,19 @@ pub(super) fn like_a_rest<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Opt
     most.map(|(name, (scale, _))| (name.as_str(), scale))
 }
 
+/// The same of those that are said: a noise that is correlated looks smaller than it is in so few readings.
+fn said<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Vec<(&'a str, f64)> {
+    let phi = of.model(problem).nuisances(of.best()).phi;
+    let is_correlated =
+        |name: &str| problem.observables.iter().zip(&phi).any(|(of, phi)| of == name && *phi > CORRELATED);
+    let mut found = found(problem, of);
+    found.retain(|(name, scale)| *scale > 1.0 || !is_correlated(name));
+    found
+}
+
 /// The noise under an explanation, where it is otherwise than stated or correlated.
 pub(super) fn told(problem: &Problem<'_>, of: &Explanation) -> String {
-    let found = found(problem, of);
+    let found = said(problem, of);
     let phi = of.model(problem).nuisances(of.best()).phi;
     let of_observable = |(name, phi): (&String, f64)| {
         let scale = found.iter().find(|(found, _)| found == name);
@@ -56,7 +66,7 @@ pub(super) fn told(problem: &Problem<'_>, of: &Explanation) -> String {
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
     let nuisances = first.model(problem).nuisances(first.best());
-    add_scales(verdicts, &found(problem, first), "the verdict is by what they do");
+    add_scales(verdicts, &said(problem, first), "the verdict is by what they do");
     for (j, name) in problem.observables.iter().enumerate() {
         if nuisances.phi[j] > CORRELATED {
             verdicts.add(
