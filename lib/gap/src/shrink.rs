@@ -566,6 +566,28 @@ mod tests {
     }
 
     #[test]
+    fn of_a_gap_that_is_lost_in_noise_nothing_is_measured() {
+        let said = |low: f64, high: f64| {
+            let all = Shrink {
+                before: 0.02,
+                after: 0.01,
+                floor_before: 0.01,
+                floor: 0.01,
+                shrink: 0.9,
+                low,
+                high,
+                noise_scale: 1.0,
+            };
+            let shrinks = Shrinks { rows: vec![all, all], by_noise: None };
+            verdict(&shrinks, &["y".to_owned()], false).rows.remove(0).code
+        };
+        assert_eq!(
+            [said(-1.0, 1.0), said(-0.2, 1.0), said(0.2, 1.0)],
+            ["too-small", "may-not-close", "closes"]
+        );
+    }
+
+    #[test]
     fn two_shares_have_as_many_digits_as_tell_them_apart() {
         assert_eq!(two_apart(0.021, 0.034), ["2", "3"]);
         assert_eq!(two_apart(0.0212, 0.0234), ["2.1", "2.3"]);

@@ -585,6 +585,24 @@ mod tests {
     }
 
     #[test]
+    fn an_effect_whose_search_ended_elsewhere_is_found_from_where_it_is_with_another_one() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let observations = Straight::measured(1.3, 0.6, 0.8, 0.01);
+        let problem = predictor.problem(&prior, &observations);
+        let random = |place: usize| ChaCha8Rng::seed_from_u64(place as u64);
+        let sets = hypotheses(2, 2);
+        let mut all = search(&problem, &sets, None, &random);
+        let of_wave = |all: &[Found<'_>]| all.iter().position(|found| sets[found.place] == [0]).unwrap();
+        let wave = of_wave(&all);
+        let height = all[wave].height();
+        assert!(better(&all[wave], &all, &sets, &random).is_none());
+        all[wave].modes[0].ln_posterior -= 20.0;
+        all[wave].modes[0].w[2] = -2.0;
+        let found = better(&all[wave], &all, &sets, &random).unwrap();
+        assert!((found.height() - height).abs() < 0.01 && found.place == all[wave].place);
+    }
+
+    #[test]
     fn how_far_a_base_model_is_beyond_what_was_believed_is_known_of_each() {
         let predictor = Straight::new();
         let (prior, believed) = Straight::beyond(0.5, 1.1);

@@ -183,6 +183,25 @@ mod tests {
     }
 
     #[test]
+    fn a_base_model_that_lies_against_its_bound_beside_an_effect_and_a_rest_is_said() {
+        let (predictor, (prior, _)) = (Straight::new(), Straight::beyond(-3.0, 5.0));
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let explanations = attribute(&problem, 1, 1).unwrap().explanations;
+        let of = |name: &str, place: f64| {
+            let mut of = explanations.iter().find(|of| of.name == name).unwrap().clone();
+            of.evidence.samples.iter_mut().for_each(|sample| sample[0] = place);
+            let leans = cut_off(&problem, &of).into_iter();
+            leans.map(|lean| (lean.parameter, lean.is_upper)).collect::<Vec<_>>()
+        };
+        let against = |is_upper: bool| vec![("a".to_owned(), is_upper)];
+        assert_eq!([of("wave+unexplained", 3.0), of("wave+unexplained", -3.0)], [true, false].map(against));
+        assert_eq!(
+            [of("wave+unexplained", 0.0), of("wave", 3.0), of("unexplained", 3.0)],
+            [(); 3].map(|()| vec![])
+        );
+    }
+
+    #[test]
     fn what_would_change_its_sign_is_no_rival_and_no_answer() {
         // The same point of the box, by whatever name, under what comes first and what does not.
         for (upper, is_first, found) in [(0.1, false, 1), (0.0, false, 0), (0.0, true, 1)] {

@@ -661,6 +661,20 @@ mod tests {
     }
 
     #[test]
+    fn of_several_effects_the_one_that_is_in_it_whichever_other_is_is_said() {
+        let (predictor, prior) = (Straight::new(), Straight::prior());
+        let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
+        let said = |hypothesis: &[usize], alone: f64| {
+            let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
+            diagnosis.attribution.explanations[0].hypothesis = hypothesis.to_vec();
+            diagnosis.effects = vec![("wave".to_owned(), alone), ("offset(y)".to_owned(), 0.35)];
+            one_of_them(&problem, &diagnosis, 0.3)
+        };
+        assert_eq!(said(&[0, 1], 0.98), "; of these wave is in it, with whichever other: 0.98");
+        assert_eq!([said(&[0, 1], 0.4), said(&[0], 0.98)], ["", ""]);
+    }
+
+    #[test]
     fn a_share_that_is_another_in_units_of_noise_says_its_units() {
         let (predictor, prior) = (Straight::new(), Straight::prior());
         let problem = predictor.problem(&prior, &Straight::measured(1.3, 0.6, 0.8, 0.01));
