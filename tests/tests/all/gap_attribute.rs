@@ -302,8 +302,13 @@ fn the_next_runs_lie_where_the_hypotheses_in_question_put_the_parameters() {
     let next = Samples::read(&case.path("next.txt")).unwrap();
     assert_eq!((next.len(), next.names[0].as_str()), (40, "more_Iter1_Sample00"));
     assert_eq!(next.parameters, ["a", "bend", "kink"]);
-    // Bending is in all of them but those of rivals; what is in is near the truth, what is out is off.
-    let bent: Vec<&Vec<f64>> = next.values.iter().filter(|run| run[1] > 0.0 && run[2] == 0.0).collect();
+    // First each effect at full strength; then bending is in all but those of rivals; what is in is near the truth, what is out is off.
+    let [strong, kinked, others @ ..] = next.values.as_slice() else { panic!() };
+    assert!(
+        strong[1] > 1.4 && strong[2] == 0.0 && kinked[1] == 0.0 && kinked[2] > 1.4,
+        "{strong:?} {kinked:?}"
+    );
+    let bent: Vec<&Vec<f64>> = others.iter().filter(|run| run[1] > 0.0 && run[2] == 0.0).collect();
     assert!(bent.len() > 20, "{:?}", next.values);
     assert!(bent.iter().all(|run| (run[0] - 1.4).abs() < 0.1 && (run[1] - 0.9).abs() < 0.15), "{bent:?}");
     assert!(next.values.iter().all(|run| (1.0..=2.0).contains(&run[0])));
