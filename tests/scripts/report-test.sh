@@ -218,6 +218,9 @@ doubt: Some words.'
     printf 'code\tvalue\ttext\nunsettled\tadhesion\tno run shows it\nuntried\t3\tfurther runs would tell\n' >made/attribution-verdict.txt
     gl-report case --out made >log
     same "$(sed -n 's/^<p class="answer">//p' made/report.html)" 'Not settled: adhesion comes first, but no run shows it.'
+    printf 'code\tvalue\ttext\nunsettled\tunexplained\tnoise does as well\nmeasure-again\t6\tonce more\n' >made/attribution-verdict.txt
+    gl-report case --out made >log
+    same "$(sed -n 's/^<p class="answer">//p' made/report.html)" 'Not settled: something else seems to be at work, or noise alone; a second measurement would tell.'
     printf 'code\tvalue\ttext\ncause\tadhesion\tit explains it\n' >made/attribution-verdict.txt
     printf 'code\tvalue\ttext\nmay-not-close\t0.07\tthe gap closes by 7 %%\n' >made/shrink-verdict.txt
     gl-report case --out made >log

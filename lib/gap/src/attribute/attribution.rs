@@ -592,12 +592,10 @@ mod tests {
         let random = |place: usize| ChaCha8Rng::seed_from_u64(place as u64);
         let sets = hypotheses(2, 2);
         let mut all = search(&problem, &sets, None, &random);
-        let of_wave = |all: &[Found<'_>]| all.iter().position(|found| sets[found.place] == [0]).unwrap();
-        let wave = of_wave(&all);
+        let wave = all.iter().position(|found| sets[found.place] == [0]).unwrap();
         let height = all[wave].height();
         assert!(better(&all[wave], &all, &sets, &random).is_none());
         all[wave].modes[0].ln_posterior -= 20.0;
-        all[wave].modes[0].w[2] = -2.0;
         let found = better(&all[wave], &all, &sets, &random).unwrap();
         assert!((found.height() - height).abs() < 0.01 && found.place == all[wave].place);
     }

@@ -4,14 +4,18 @@
 //! that it does nothing anywhere. No place that a posterior puts runs at shows it otherwise.
 
 use crate::attribute::attribution::Explanation;
-use crate::attribute::next_runs::furthest;
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::Candidate;
-use gl_inference::prior::{Effect, Prior};
+use gl_inference::prior::{Effect, Parameter, Prior, normal_cdf};
 
 /// A run is near another one where no parameter of an effect differs by more than the first, and none of the base model by more
 /// than the second, as shares of their ranges.
 const NEAR: (f64, f64) = (0.1, 0.2);
+
+/// The least and the largest value of a run's parameter: 0.6 % of the prior lie beyond on either side.
+pub fn furthest(parameter: &Parameter) -> [f64; 2] {
+    [-2.5, 2.5].map(|w| parameter.quantile(normal_cdf(w)))
+}
 
 /// Runs of each effect of the simulation alone and as strong as its bounds allow, with the parameters of the base model where it
 /// fits best, without those that have been made nearly; shape (runs, parameters).

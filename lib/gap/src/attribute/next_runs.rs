@@ -6,10 +6,10 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use crate::attribute::attribution::untried::Untried;
 use crate::attribute::attribution::{Explanation, RuledOut};
 use crate::attribute::evidence::mode::Mode;
-use crate::attribute::full_strength::at_full_strength;
+use crate::attribute::full_strength::{at_full_strength, furthest};
 use crate::attribute::problem::Problem;
 use crate::attribute::problem::hypothesis::{is_part, ln_prior_odds};
-use gl_inference::prior::{Parameter, normal_cdf, normal_quantile};
+use gl_inference::prior::normal_quantile;
 use gl_numeric::sequence::{self, Method};
 use gl_numeric::statistics::moments;
 
@@ -29,11 +29,6 @@ const UNTRIED: f64 = 4.0;
 /// Runs are drawn from a normal distribution this many times as wide as the posterior: the runs so far may
 /// have misplaced it.
 const WIDER: f64 = 1.5;
-
-/// The least and the largest value of a run's parameter: 0.6 % of the prior lie beyond on either side.
-pub(super) fn furthest(parameter: &Parameter) -> [f64; 2] {
-    [-2.5, 2.5].map(|w| parameter.quantile(normal_cdf(w)))
-}
 
 /// Share of the runs at most that show effects at full strength.
 const AT_FULL_STRENGTH: usize = 3;

@@ -264,7 +264,7 @@ fn add_effects(
             "{effects} {explains} it: probability {probability:.2}{}{}{}{}{}",
             beside_a_rest(probability - first.probability),
             with_others(diagnosis, probability),
-            one_of_them(problem, diagnosis, probability),
+            one_of_them(diagnosis, probability),
             by_noise(diagnosis),
             beyond_belief(diagnosis)
         )
@@ -330,15 +330,12 @@ fn with_others(diagnosis: &Diagnosis, probability: f64) -> String {
 }
 
 /// The one of several effects that is in it with a clearly larger probability than all of them together.
-fn one_of_them(problem: &Problem<'_>, diagnosis: &Diagnosis, probability: f64) -> String {
+fn one_of_them(diagnosis: &Diagnosis, probability: f64) -> String {
     /// Less is not worth a word.
     const MUCH: f64 = 0.2;
     let hypothesis = &diagnosis.first().hypothesis;
-    let is_in = |name: &str| {
-        hypothesis.len() > 1 && hypothesis.iter().any(|&of| problem.candidates[of].name() == name)
-    };
-    let all = diagnosis.effects.iter().filter(|(name, _)| is_in(name));
-    match all.max_by(|a, b| a.1.total_cmp(&b.1)) {
+    let all = hypothesis.iter().map(|&candidate| &diagnosis.effects[candidate]);
+    match all.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| hypothesis.len() > 1) {
         Some((name, alone)) if alone - probability >= MUCH => {
             format!("; of these {name} is in it, with whichever other: {alone:.2}")
         }
@@ -668,7 +665,7 @@ mod tests {
             let mut diagnosis = diagnose(&problem, 1, 1).unwrap();
             diagnosis.attribution.explanations[0].hypothesis = hypothesis.to_vec();
             diagnosis.effects = vec![("wave".to_owned(), alone), ("offset(y)".to_owned(), 0.35)];
-            one_of_them(&problem, &diagnosis, 0.3)
+            one_of_them(&diagnosis, 0.3)
         };
         assert_eq!(said(&[0, 1], 0.98), "; of these wave is in it, with whichever other: 0.98");
         assert_eq!([said(&[0, 1], 0.4), said(&[0], 0.98)], ["", ""]);

@@ -37,46 +37,49 @@ pub(super) fn like_a_rest<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Opt
     most.map(|(name, (scale, _))| (name.as_str(), scale))
 }
 
-/// The same of those that are said: a noise that is correlated looks smaller than it is in so few readings.
-fn said<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Vec<(&'a str, f64)> {
+/// What is said of the noise of an observable: how many times what was stated it is, and how neighbours correlate, where either
+/// is worth a word. One that is correlated looks smaller than it is in so few readings.
+struct Said<'a> {
+    name: &'a str,
+    scale: Option<f64>,
+    correlation: Option<f64>,
+}
+
+fn said<'a>(problem: &'a Problem<'_>, of: &Explanation) -> Vec<Said<'a>> {
+    let found = found(problem, of);
     let phi = of.model(problem).nuisances(of.best()).phi;
-    let is_correlated =
-        |name: &str| problem.observables.iter().zip(&phi).any(|(of, phi)| of == name && *phi > CORRELATED);
-    let mut found = found(problem, of);
-    found.retain(|(name, scale)| *scale > 1.0 || !is_correlated(name));
-    found
+    let said = |(name, phi): (&'a String, f64)| {
+        let correlation = Some(phi).filter(|phi| *phi > CORRELATED);
+        let scale = found.iter().find(|(found, _)| found == name).map(|(_, scale)| *scale);
+        let scale = scale.filter(|scale| *scale > 1.0 || correlation.is_none());
+        Said { name, scale, correlation }
+    };
+    problem.observables.iter().zip(phi).map(said).collect()
 }
 
 /// The noise under an explanation, where it is otherwise than stated or correlated.
 pub(super) fn told(problem: &Problem<'_>, of: &Explanation) -> String {
-    let found = said(problem, of);
-    let phi = of.model(problem).nuisances(of.best()).phi;
-    let of_observable = |(name, phi): (&String, f64)| {
-        let scale = found.iter().find(|(found, _)| found == name);
-        let scale = scale.map(|(_, scale)| format!("{} times what was stated", short(*scale)));
+    let of_observable = |Said { name, scale, correlation }: Said<'_>| {
+        let scale = scale.map(|scale| format!("{} times what was stated", short(scale)));
         let correlated =
-            (phi > CORRELATED).then(|| format!("correlated from one reading to the next by about {phi:.1}"));
+            correlation.map(|phi| format!("correlated from one reading to the next by about {phi:.1}"));
         let both: Vec<String> = scale.into_iter().chain(correlated).collect();
         (!both.is_empty()).then(|| format!("of {name} {}", both.join(", and ")))
     };
-    let all: Vec<String> = problem.observables.iter().zip(phi).filter_map(of_observable).collect();
+    let all: Vec<String> = said(problem, of).into_iter().filter_map(of_observable).collect();
     if all.is_empty() { "noise alone".to_owned() } else { format!("a noise {}", all.join(", ")) }
 }
 
 /// How the readings scatter, if otherwise than stated, and which are far off.
 pub(super) fn add(verdicts: &mut Verdicts, problem: &Problem<'_>, first: &Explanation) {
-    let nuisances = first.model(problem).nuisances(first.best());
-    add_scales(verdicts, &said(problem, first), "the verdict is by what they do");
-    for (j, name) in problem.observables.iter().enumerate() {
-        if nuisances.phi[j] > CORRELATED {
-            verdicts.add(
-                "noise-correlation",
-                nuisances.phi[j],
-                format!(
-                    "what is left of {name} is correlated from one reading to the next by about {:.1}, and counts as noise",
-                    nuisances.phi[j]
-                ),
-            );
+    let said = said(problem, first);
+    let scales: Vec<(&str, f64)> = said.iter().filter_map(|of| Some((of.name, of.scale?))).collect();
+    add_scales(verdicts, &scales, "the verdict is by what they do");
+    for Said { name, correlation, .. } in &said {
+        if let Some(phi) = correlation {
+            verdicts.add("noise-correlation", phi, format!(
+                "what is left of {name} is correlated from one reading to the next by about {phi:.1}, and counts as noise"
+            ));
         }
     }
     let outliers = problem.by_observable(&first.singular.outliers);
