@@ -550,6 +550,7 @@ mod tests {
             let ln = first.evidence.ln;
             let base = diagnosis.attribution.explanations.iter_mut().find(|of| of.name == "none").unwrap();
             base.evidence.ln = ln - ahead;
+            assert_eq!(is_settled(&problem, &diagnosis), ahead > 3.0);
             let mut verdicts = Verdicts::default();
             add(&mut verdicts, &problem, &diagnosis, 1).unwrap();
             verdicts.rows.into_iter().map(|said| (said.code, said.text)).collect::<Vec<_>>()
